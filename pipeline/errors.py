@@ -1,0 +1,67 @@
+"""The errors a user can meet. Each message says what was wrong, what was got, what is allowed and what to do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class WorkbenchError(Exception):
+    """Root of every error that is the input's fault; the command line prints its message and exits with 1."""
+
+
+class ArgumentError(WorkbenchError, ValueError):
+    """An argument of a Python function is outside what is allowed; the message names the argument."""
+
+
+class BandwidthError(WorkbenchError):
+    """No bandwidth could be selected.
+
+    Attributes:
+        estimate: the last bandwidth looked at, in the features' (scaled) units, or None if there was none.
+    """
+
+    def __init__(self, message: str, estimate: float | None = None) -> None:
+        super().__init__(message)
+        self.estimate = estimate
+
+
+class ParameterError(WorkbenchError):
+    """A field of params.yaml is unknown, missing or out of range; the message gives its path."""
+
+
+class RecordingError(WorkbenchError):
+    """A recording cannot be used.
+
+    Attributes:
+        reason: short stable code, the `reason` column of rejected.parquet.
+        detail: one sentence for a person.
+    """
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(detail)
+        self.reason = reason
+        self.detail = detail
+
+
+class SceneError(WorkbenchError):
+    """An MJCF file cannot be read or lacks a name that the parameters ask for."""
+
+
+class TableError(WorkbenchError):
+    """A table does not follow its schema."""
+
+
+class StageError(WorkbenchError):
+    """A stage cannot go on with the inputs it found."""
+
+
+class QueryError(WorkbenchError):
+    """A question to the catalog cannot be answered."""
+
+
+def one_of(names: Iterable[str]) -> str:
+    """The valid names as they are listed at the end of a message."""
+    return ", ".join(sorted(names))
