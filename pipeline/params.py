@@ -1,0 +1,218 @@
+"""params.yaml as frozen, validated objects: every field checked, unknown keys refused, nothing guessed."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from pipeline.errors import ParameterError, one_of
+
+FILE = "params.yaml"
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
+    return MappingProxyType(mapping)
+
+
+Spec = Annotated[dict[str, str | float | int | bool], AfterValidator(_frozen)]
+Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)]
+Weights = Annotated[dict[Name, Finite], Field(min_length=1), AfterValidator(_frozen)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+
+class Task(_Section):
+    """One task: a scene, where its recordings are, and what may matter in it."""
+
+    scene: str
+    end_effector: str
+    surface: str | None
+    recordings: str
+    features: Specs
+    preferences: Specs
+    thetas: Literal["grid"] | tuple[tuple[Finite, ...], ...]
+
+    @model_validator(mode="after")
+    def _theta_lengths(self) -> Task:
+        if self.thetas != "grid":
+            if not self.thetas:
+                raise ValueError("thetas holds no weight vector; give `grid` or at least one list of numbers")
+            for row, theta in enumerate(self.thetas):
+                if len(theta) != len(self.features):
+                    raise ValueError(
+                        f"thetas[{row}] has {len(theta)} numbers, needed is one for each of the {len(self.features)} "
+                        f"features ({', '.join(self.features)})"
+                    )
+        return self
+
+
+class Simulate(_Section):
+    """The simulated participants."""
+
+    participants: Annotated[int, Field(ge=1, le=10_000)]
+    weights: Annotated[dict[Name, Weights], AfterValidator(_frozen)]
+
+
+class Ingest(_Section):
+    """From recordings to demonstrations."""
+
+    waypoints: Annotated[int, Field(ge=3, le=10_000)]
+    idle_rad: Positive
+    on_rejected: Literal["stop", "continue"]
+
+
+class Sample(_Section):
+    """Which sets of alternatives are drawn, and how."""
+
+    anchor: Literal["task", "demonstration"]
+    sizes: Annotated[tuple[Annotated[int, Field(ge=2)], ...], Field()]
+    sets: Annotated[int, Field(ge=0, le=1000)]
+    working_set: Annotated[int, Field(ge=2)]
+    sampler: Literal["deformation", "via-point", "planner", "mixture"]
+
+
+class Features(_Section):
+    """How features are brought to one scale before models and kernels see them."""
+
+    scale: Literal["range", "std", "none"] | Annotated[dict[Name, Positive], AfterValidator(_frozen)]
+
+
+class Density(_Section):
+    """The kernel density of the alternatives in feature space."""
+
+    bandwidth: Literal["leave-one-out", "k-fold", "literal"] | Positive
+
+
+class Infer(_Section):
+    """The hypotheses and the models that are compared."""
+
+    models: Annotated[tuple[Literal["boltzmann", "less", "attribute-rule"], ...], Field(min_length=1)]
+    theta_values: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
+    betas: Annotated[tuple[Positive, ...], Field(min_length=1)]
+
+    @field_validator("models", "betas")
+    @classmethod
+    def _distinct(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        if len(set(values)) != len(values):
+            raise ValueError("the same value is listed twice; list each once")
+        return values
+
+
+class Params(_Section):
+    """The whole of params.yaml."""
+
+    seed: Annotated[int, Field(ge=0)]
+    tasks: Annotated[dict[Name, Task], Field(min_length=1), AfterValidator(_frozen)]
+    simulate: Simulate
+    ingest: Ingest
+    sample: Sample
+    features: Features
+    density: Density
+    infer: Infer
+
+    @model_validator(mode="after")
+    def _across_sections(self) -> Params:
+        for name, weights in self.simulate.weights.items():
+            if name not in self.tasks:
+                raise ValueError(f"simulate.weights names the task {name!r}; there are {one_of(self.tasks)}")
+            unknown = sorted(set(weights) - set(self.tasks[name].preferences))
+            if unknown:
+                raise ValueError(
+                    f"simulate.weights.{name} names {unknown[0]!r}; allowed are the task's preferences "
+                    f"{one_of(self.tasks[name].preferences)}"
+                )
+        return self
+
+    def task(self, name: str) -> Task:
+        """The task `name`.
+
+        Raises:
+            ParameterError: there is no such task.
+        """
+        if name not in self.tasks:
+            raise ParameterError(f"there is no task {name!r} in {FILE}; there are {one_of(self.tasks)}")
+        return self.tasks[name]
+
+
+def load(path: Path) -> Params:
+    """Read and check the parameters in the YAML file `path` (plain data only: no tags, no objects).
+
+    Raises:
+        ParameterError: the file is missing, is not YAML, or a field is unknown, missing or out of range.
+    """
+    return parse(_read_yaml(path), str(path))
+
+
+def parse(document: object, source: str = FILE) -> Params:
+    """Check parameters that are already plain data; `source` is named in messages."""
+    if not isinstance(document, dict):
+        raise ParameterError(f"{source}: holds no parameters; needed are the sections {one_of(Params.model_fields)}")
+    try:
+        return Params.model_validate(document)
+    except ValidationError as error:
+        raise ParameterError(f"{source}: {_sentence(error)}") from None
+
+
+def fingerprint(*parts: BaseModel | object) -> str:
+    """SHA-256 over the parameters a result depends on, as canonical JSON."""
+    plain = [part.model_dump(mode="json") if isinstance(part, BaseModel) else part for part in parts]
+    return hashlib.sha256(json.dumps(plain, sort_keys=True, default=dict).encode()).hexdigest()
+
+
+def _read_yaml(path: Path) -> object:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ParameterError(f"{path}: there is no such file; run this in a folder that has a {FILE}") from None
+    except (YAMLError, UnicodeDecodeError) as error:
+        raise ParameterError(f"{path}: is not readable YAML ({' '.join(str(error).split())})") from None
+
+
+def _sentence(error: ValidationError) -> str:
+    errors = error.errors(include_url=False)
+    first = errors[0]
+    location = _location(first["loc"])
+    place = ".".join(str(part) for part in location)
+    if first["type"] == "extra_forbidden":
+        return f"there is no parameter {place!r}; {_nearest(location)}"
+    if first["type"] == "missing":
+        return f"the parameter {place!r} is missing"
+    message = first["msg"].removeprefix("Value error, ")
+    if not place or first["type"] == "value_error":
+        return f"{place}: {message}" if place else message
+    # each branch of a union reports by itself
+    branches = [e["msg"].removeprefix("Input should be ") for e in errors if _location(e["loc"]) == location]
+    return f"{place} is {first['input']!r}; it should be {', or '.join(dict.fromkeys(branches))}"
+
+
+def _location(loc: tuple[int | str, ...]) -> list[int | str]:
+    # pydantic names the branch of a union in the location; a reader of params.yaml knows only keys and indices
+    names = {"float", "int", "str", "bool", "constrained"}
+    return [part for part in loc if isinstance(part, int) or (part.isidentifier() and part not in names)]
+
+
+def _nearest(location: list[Any]) -> str:
+    model: Any = Params
+    for part in location[:-1]:
+        field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
+        if field is not None:
+            model = Task if part == "tasks" else field.annotation
+    names = list(model.model_fields)
+    close = difflib.get_close_matches(str(location[-1]), names, n=1)
+    return f"did you mean {close[0]!r}?" if close else f"allowed are {one_of(names)}"
