@@ -1,0 +1,100 @@
+"""Paths in joint space: where they start and end, and the shapes that samplers and optimisers build them from.
+
+Conventions: waypoints are (N, T, J), N trajectories of T waypoints of J joints (rad, or m for a sliding joint),
+evenly spaced in time; `s` in [0, 1] is the fraction of that time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ArgumentError
+
+Array = NDArray[np.float64]
+Admissible = Callable[[Array], NDArray[np.bool_]]
+"""(N, T, J) waypoints to (N,) booleans: what the scene allows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """Where a trajectory starts and ends: two (J,) joint positions, in the same turn of every continuous joint."""
+
+    start: Array
+    goal: Array
+
+    def __post_init__(self) -> None:
+        for name in ("start", "goal"):
+            value = frozen(getattr(self, name))
+            object.__setattr__(self, name, value)
+            if value.ndim != 1 or not np.isfinite(value).all():
+                raise ArgumentError(f"anchor.{name} is {value}; it must be a vector of finite joint positions.")
+        if self.start.shape != self.goal.shape:
+            raise ArgumentError(
+                f"anchor.start has {self.start.size} joints and anchor.goal {self.goal.size}; give both the same."
+            )
+
+
+def straight_path(anchor: Anchor, n_waypoints: int) -> Array:
+    """The straight joint path (T, J) at even speed; first and last row are the anchor's, to the last bit."""
+    s = np.linspace(0.0, 1.0, n_waypoints)[:, None]
+    line = anchor.start + s * (anchor.goal - anchor.start)
+    line[-1] = anchor.goal
+    return line
+
+
+def sine_basis(n_waypoints: int, modes: int, decay: float) -> Array:
+    """Half waves (modes, T), b_k(s) = c k^-decay sin(pi k s), scaled so that sum_k b_k^2 averages to one over s.
+
+    Zero at both ends, to the last bit. With decay 1 the sum of squared steps of sum_k z_k b_k is, but for the
+    discretisation, a multiple of |z|^2.
+
+    Raises:
+        ArgumentError: modes is not between 1 and the number of inner waypoints, or decay is negative.
+    """
+    if not 1 <= modes <= n_waypoints - 2:
+        raise ArgumentError(
+            f"modes is {modes}; {n_waypoints} waypoints allow 1 to {n_waypoints - 2} (their inner waypoints)."
+        )
+    if not 0 <= decay < np.inf:
+        raise ArgumentError(f"decay is {decay}; it must be a finite number >= 0.")
+    k = np.arange(1.0, modes + 1)[:, None]
+    amplitude = k**-decay
+    basis = amplitude * np.sin(np.pi * k * np.linspace(0.0, 1.0, n_waypoints))
+    basis[:, [0, -1]] = 0.0
+    scaled: Array = basis * np.sqrt(2 / (amplitude**2).sum())
+    return scaled
+
+
+def natural_bump(s: Array, peak: Array) -> Array:
+    """Natural cubic spline (N, T) through (0, 0), (peak, 1), (1, 0) at s (T,), for peaks (N, 1) inside (0, 1).
+
+    It is the shape of a beam resting on its ends under a point load at `peak`.
+    """
+    left = s <= peak
+    near = np.where(left, s, 1 - s)  # distance from the end on this side of the load
+    far = np.where(left, 1 - peak, peak)  # distance of the load from the other end
+    bump: Array = near * far * (1 - far**2 - near**2) / (2 * peak**2 * (1 - peak) ** 2)
+    bump[:, [0, -1]] = 0.0
+    return bump
+
+
+def within_limits(waypoints: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
+    """Whether each trajectory (N, T, J) keeps the joint limits (J,) at every waypoint; (N,)."""
+    return ~((waypoints < lower) | (waypoints > upper)).any(axis=(1, 2))
+
+
+def require_positive(name: str, value: float) -> None:
+    """Raise an ArgumentError unless `value` is finite and above zero."""
+    if not 0 < value < np.inf:
+        raise ArgumentError(f"{name} is {value}; it must be a finite number > 0.")
+
+
+def frozen(values: Array) -> Array:
+    """A read-only float64 copy."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array

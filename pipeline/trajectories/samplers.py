@@ -1,0 +1,304 @@
+"""Samplers of alternatives: random paths from a start to a goal, and the rejection that keeps them possible.
+
+Shapes and units are those of `paths`; every path starts and ends exactly at its anchor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ArgumentError, StageError
+from pipeline.trajectories.paths import (
+    Admissible,
+    Anchor,
+    Array,
+    frozen,
+    natural_bump,
+    require_positive,
+    sine_basis,
+    straight_path,
+    within_limits,
+)
+
+__all__ = [
+    "Anchor",
+    "Deformation",
+    "Draw",
+    "Mixture",
+    "Planner",
+    "Sampler",
+    "ViaPoint",
+    "draw_admissible",
+    "propose",
+]
+
+_HOPELESS_AFTER = 2000  # proposals before a low acceptance is called hopeless
+
+
+class Sampler(Protocol):
+    """What draws raw paths; nothing is rejected here."""
+
+    @property
+    def name(self) -> str:
+        """The value of the `sampler` column."""
+
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+        """Draw (count, n_waypoints, J) paths from anchor.start to anchor.goal."""
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """Straight joint path plus a smooth Gaussian deformation that vanishes at both ends.
+
+    q(s) = line(s) + width * sum_k b_k(s) z_k, with z_k ~ N(0, I_J) and the `sine_basis` b_k, so the deviations
+    of two times covary, in each joint alone, as width^2 sum_k b_k(s) b_k(s').
+
+    Attributes:
+        width_rad: root mean square deviation from the straight path per joint, averaged over the path.
+        modes: number of half waves; more gives more bends.
+        decay: amplitude of mode k is proportional to k^-decay.
+    """
+
+    width_rad: float
+    modes: int = 5
+    decay: float = 2.0
+    name: str = "deformation"
+
+    def __post_init__(self) -> None:
+        require_positive("width_rad", self.width_rad)
+        sine_basis(self.modes + 2, self.modes, self.decay)
+
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+        """Draw (count, n_waypoints, J) paths; one standard normal per mode and joint, row by row."""
+        basis = self.width_rad * sine_basis(n_waypoints, self.modes, self.decay)
+        z = rng.standard_normal((count, self.modes, anchor.start.size))
+        deformation: Array = np.einsum("kt,nkj->ntj", basis, z)
+        return straight_path(anchor, n_waypoints) + deformation
+
+    def log_proposal(self, waypoints: Array, anchor: Anchor) -> Array:
+        """Log density (N,) of drawing `waypoints` (N, T, J), as a density of the modes' amplitudes (rad).
+
+        Not normalised for what rejection removed, a constant for one anchor.
+
+        Raises:
+            ArgumentError: a trajectory is not of this family (more than 1e-5 rad away from its span).
+        """
+        n_waypoints = waypoints.shape[1]
+        basis = sine_basis(n_waypoints, self.modes, self.decay)
+        scale = np.sqrt((basis**2).sum(axis=1, keepdims=True) * 2 / (n_waypoints - 1))  # (modes, 1), rad per z
+        deviation = waypoints - straight_path(anchor, n_waypoints)
+        # The sampled sines are orthogonal, so projecting onto each mode alone solves for all of them.
+        amplitude = np.einsum("kt,ntj->nkj", basis / scale, deviation) * 2 / (n_waypoints - 1)
+        residual = np.abs(deviation - np.einsum("kt,nkj->ntj", basis / scale, amplitude)).max(initial=0.0)
+        if residual > 1e-5:
+            raise ArgumentError(
+                f"waypoints lie up to {residual:.3g} rad outside what a deformation of {self.modes} modes can "
+                f"draw; pass trajectories that this sampler drew from this anchor."
+            )
+        sigma = self.width_rad * scale
+        log_q = -0.5 * (amplitude / sigma) ** 2 - np.log(sigma * np.sqrt(2 * np.pi))
+        total: Array = log_q.sum(axis=(1, 2))
+        return total
+
+
+@dataclass(frozen=True)
+class ViaPoint:
+    """The path of least acceleration (natural cubic spline) from start to goal through one random configuration.
+
+    The via configuration is uniform in a box of half width `reach_rad` around the straight path, passed at a
+    fraction of the time that is uniform in `when`.
+
+    Attributes:
+        reach_rad: largest deviation from the straight path at the via point, per joint.
+        when: earliest and latest fraction of the time at which the via point is passed.
+    """
+
+    reach_rad: float
+    when: tuple[float, float] = (0.3, 0.7)
+    name: str = "via-point"
+
+    def __post_init__(self) -> None:
+        require_positive("reach_rad", self.reach_rad)
+        if not 0 < self.when[0] <= self.when[1] < 1:
+            raise ArgumentError(f"when is {self.when}; it must be two increasing fractions between 0 and 1.")
+
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+        """Draw (count, n_waypoints, J) paths; J + 1 uniforms per path, row by row."""
+        u = rng.random((count, 1 + anchor.start.size))
+        peak = self.when[0] + (self.when[1] - self.when[0]) * u[:, :1]
+        bump = natural_bump(np.linspace(0.0, 1.0, n_waypoints), peak)
+        deviation = self.reach_rad * (2 * u[:, 1:] - 1)
+        return straight_path(anchor, n_waypoints) + bump[:, :, None] * deviation[:, None, :]
+
+
+@dataclass(frozen=True, eq=False)
+class Planner:
+    """Deformations around one of a few planned paths, each as likely.
+
+    What is kept of a planned path is its deviation from its own straight path, so the sampler also serves
+    anchors near the one that was planned for.
+
+    Attributes:
+        paths: (P, T, J) planned paths, such as those of `optimise_paths` under random weights.
+        deformation: what is added to them.
+    """
+
+    paths: Array
+    deformation: Deformation
+    name: str = "planner"
+
+    def __post_init__(self) -> None:
+        paths = frozen(self.paths)
+        object.__setattr__(self, "paths", paths)
+        if paths.ndim != 3 or 0 in paths.shape or not np.isfinite(paths).all():
+            raise ArgumentError(f"paths has shape {paths.shape}; it must be a finite (P, T, J) array, P >= 1.")
+
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+        """Draw (count, n_waypoints, J) paths; `n_waypoints` must be that of the planned paths."""
+        if self.paths.shape[1:] != (n_waypoints, anchor.start.size):
+            raise ArgumentError(
+                f"paths are of {self.paths.shape[1]} waypoints and {self.paths.shape[2]} joints, and "
+                f"{n_waypoints} and {anchor.start.size} were asked for; plan them again for this task."
+            )
+        deviations = self.paths - np.stack(
+            [straight_path(Anchor(path[0], path[-1]), n_waypoints) for path in self.paths]
+        )
+        picked = deviations[rng.integers(len(deviations), size=count)]
+        return self.deformation.sample(rng, anchor, count, n_waypoints) + picked
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Each path from one of several samplers, picked with the given weights.
+
+    Attributes:
+        samplers: what is mixed.
+        weights: one positive weight each; they need not sum to one.
+    """
+
+    samplers: tuple[Sampler, ...]
+    weights: tuple[float, ...]
+    name: str = "mixture"
+
+    def __post_init__(self) -> None:
+        if not self.samplers or len(self.samplers) != len(self.weights):
+            raise ArgumentError(
+                f"weights has {len(self.weights)} entries for {len(self.samplers)} samplers; give one for each."
+            )
+        for weight in self.weights:
+            require_positive("weights", weight)
+
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+        """Draw (count, n_waypoints, J) paths."""
+        return propose(self, rng, anchor, count, n_waypoints)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """Paths that passed, in the order drawn, and what it took.
+
+    Attributes:
+        waypoints: (N, T, J), read-only.
+        component: (N,) name of the sampler that drew each; inside a mixture, of the one that was picked.
+        proposed: paths drawn in all.
+        outside_limits: of these, rejected because a joint leaves its limits.
+        inadmissible: of these, within the limits and rejected by the scene.
+    """
+
+    waypoints: Array
+    component: tuple[str, ...]
+    proposed: int
+    outside_limits: int
+    inadmissible: int
+
+    @property
+    def rejection_rate(self) -> float:
+        """Share of the proposed paths that was discarded."""
+        return (self.outside_limits + self.inadmissible) / self.proposed
+
+
+def draw_admissible(
+    sampler: Sampler,
+    rng: np.random.Generator,
+    anchor: Anchor,
+    count: int,
+    n_waypoints: int,
+    *,
+    lower: Array,
+    upper: Array,
+    admissible: Admissible,
+    least_acceptance: float = 1e-3,
+) -> Draw:
+    """Draw `count` paths that keep the joint limits and that `admissible` accepts; others are drawn again.
+
+    Each round proposes exactly as many paths as are still missing, so none is drawn in vain and the result is a
+    function of the generator's state alone.
+
+    Args:
+        sampler: draws the proposals.
+        rng: the stream of this one set.
+        anchor: start and goal, joint positions (J,).
+        count: number of paths wanted, >= 1.
+        n_waypoints: T, >= 2.
+        lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
+        admissible: (N, T, J) -> (N,) booleans; sees only paths within the limits.
+        least_acceptance: the share of accepted proposals below which the attempt is given up.
+
+    Raises:
+        ArgumentError: a count is too small, or the anchor itself is outside the limits.
+        StageError: hardly any proposal is accepted.
+    """
+    if count < 1 or n_waypoints < 2:
+        raise ArgumentError(f"count is {count} and n_waypoints {n_waypoints}; allowed are >= 1 and >= 2.")
+    _require_anchor_within(anchor, lower, upper)
+    kept: list[Array] = []
+    names: list[str] = []
+    proposed = outside = refused = 0
+    while len(names) < count:
+        paths, component = propose(sampler, rng, anchor, count - len(names), n_waypoints)
+        within = within_limits(paths, lower, upper)
+        good = within.copy()
+        if within.any():
+            good[within] = admissible(paths[within])
+        proposed += len(paths)
+        outside += int((~within).sum())
+        refused += int((within & ~good).sum())
+        kept.append(paths[good])
+        names.extend(component[good].tolist())
+        if proposed >= _HOPELESS_AFTER and len(names) < least_acceptance * proposed:
+            raise StageError(
+                f"sampler {sampler.name!r} had {len(names)} of {proposed} paths accepted ({outside} left the joint "
+                f"limits, {refused} went through the scene), at least {least_acceptance:g} of them must be; "
+                f"make it narrower or move the start and goal."
+            )
+    return Draw(frozen(np.concatenate(kept)), tuple(names), proposed, outside, refused)
+
+
+def propose(
+    sampler: Sampler, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int
+) -> tuple[Array, NDArray[np.object_]]:
+    """Draw raw paths (count, T, J) and the name (count,) of the sampler, or of the mixture's part, behind each."""
+    if not isinstance(sampler, Mixture):
+        return sampler.sample(rng, anchor, count, n_waypoints), np.full(count, sampler.name, dtype=object)
+    weights = np.array(sampler.weights)
+    picked = rng.choice(len(weights), size=count, p=weights / weights.sum())
+    paths = np.empty((count, n_waypoints, anchor.start.size))
+    names = np.empty(count, dtype=object)
+    for index, part in enumerate(sampler.samplers):
+        rows = picked == index
+        paths[rows], names[rows] = propose(part, rng, anchor, int(rows.sum()), n_waypoints)
+    return paths, names
+
+
+def _require_anchor_within(anchor: Anchor, lower: Array, upper: Array) -> None:
+    for name, value in (("start", anchor.start), ("goal", anchor.goal)):
+        outside = np.flatnonzero((value < lower) | (value > upper))
+        if outside.size:
+            j = int(outside[0])
+            raise ArgumentError(
+                f"anchor.{name} has joint {j + 1} at {value[j]:.6g}; its limits are {lower[j]:.6g} to {upper[j]:.6g}."
+            )
