@@ -1,0 +1,126 @@
+"""Where a project's files are, and what every stage does around its own work: provenance and a record of the run."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+
+from pipeline import params
+from pipeline.errors import ParameterError
+from pipeline.params import Params, Task
+
+RUNS = ".lessbench/runs"
+
+
+@dataclass(frozen=True)
+class Project:
+    """A folder with a params.yaml; every path in the parameters is relative to it."""
+
+    root: Path
+
+    @cached_property
+    def params(self) -> Params:
+        """The checked parameters.
+
+        Raises:
+            ParameterError: see `pipeline.params.load`.
+        """
+        return params.load(self.root / params.FILE)
+
+    @property
+    def datasets(self) -> Path:
+        """Inputs that are kept and everything that is derived."""
+        return self.root / "datasets"
+
+    @property
+    def catalog(self) -> Path:
+        """The DuckDB database of all tables."""
+        return self.datasets / "catalog.duckdb"
+
+    def table(self, task: str, name: str) -> Path:
+        """The Parquet file of table `name` of a task or of `studies`."""
+        return self.datasets / task / f"{name}.parquet"
+
+    def path(self, given: str) -> Path:
+        """A path of params.yaml."""
+        return self.root / given
+
+    def provenance(self, depends_on: Iterable[object], inputs: Iterable[Path]) -> dict[str, object]:
+        """What a table says about where it came from.
+
+        Args:
+            depends_on: the parameters that the table depends on, no others, so that equal inputs give equal bytes.
+            inputs: the files it was made from.
+        """
+        return {
+            "program": f"lessbench {version('lessbench')}",
+            "seed": self.params.seed,
+            "parameters": params.fingerprint(*depends_on),
+            "inputs": {self._shown(path): _sha256(path) for path in inputs},
+        }
+
+    def _shown(self, path: Path) -> str:
+        return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else path.name
+
+
+def find_project(start: Path) -> Project:
+    """The project that the folder `start` is in: it or the nearest folder above that has a params.yaml.
+
+    Raises:
+        ParameterError: there is none.
+    """
+    for folder in (start, *start.parents):
+        if (folder / params.FILE).is_file():
+            return Project(folder)
+    raise ParameterError(f"{start}: neither here nor in a folder above is a {params.FILE}; run this inside a project")
+
+
+@dataclass
+class Run:
+    """What a stage says about its run; `produced` is one phrase for the summary."""
+
+    stage: str
+    task: str
+    produced: str = ""
+    seconds: float = 0.0
+    notes: list[str] = field(default_factory=list)
+
+
+@contextmanager
+def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
+    """Time a stage and keep a record of it for `lessbench summary`; nothing is kept when it fails."""
+    run = Run(stage, task)
+    begin = time.perf_counter()
+    yield run
+    run.seconds = time.perf_counter() - begin
+    target = project.root / RUNS / f"{stage}@{task}.json"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(json.dumps({**run.__dict__, "finished": time.time()}), encoding="utf-8")
+    for note in run.notes:
+        print(f"{stage} {task}: {note}", file=sys.stderr)  # noqa: T201
+
+
+def recorded_runs(project: Project) -> list[Mapping[str, object]]:
+    """The last run of every stage, in the order in which they finished."""
+    runs = [json.loads(path.read_text(encoding="utf-8")) for path in sorted((project.root / RUNS).glob("*.json"))]
+    return sorted(runs, key=lambda run: float(run["finished"]))
+
+
+def _sha256(path: Path) -> str:
+    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode())
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+__all__ = ["ParameterError", "Project", "Run", "Task", "find_project", "recorded_run", "recorded_runs"]

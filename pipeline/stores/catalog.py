@@ -1,0 +1,138 @@
+"""The DuckDB catalog: every table of every task in one file that any DuckDB client opens, and safe questions to it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from pipeline.errors import QueryError
+from schemas import TableSchema, schema
+
+if TYPE_CHECKING:
+    import duckdb
+    import polars as pl
+
+TIME_LIMIT_S = 60.0
+MEMORY_LIMIT = "2GB"
+LOCKED: dict[str, str | int | float | list[str]] = {
+    "enable_external_access": False,
+    "lock_configuration": True,
+    "temp_directory": "",
+    "memory_limit": MEMORY_LIMIT,
+    "autoinstall_known_extensions": False,
+    "autoload_known_extensions": False,
+}
+
+VIEWS = {
+    "best_hypothesis": (
+        "the most probable theta and beta of each demonstration (`all`: together), model and set",
+        """select task, demonstration_id, participant, model, set_size, set_id,
+                  arg_max(theta_id, log_posterior) as theta_id, arg_max(theta, log_posterior) as theta,
+                  arg_max(beta, log_posterior) as beta, max(posterior) as posterior
+           from posteriors group by all""",
+    ),
+    "theta_marginals": (
+        "the posterior over theta alone, beta summed out",
+        """select task, demonstration_id, participant, model, set_size, set_id, theta_id, any_value(theta) as theta,
+                  sum(posterior) as posterior
+           from posteriors group by task, demonstration_id, participant, model, set_size, set_id, theta_id""",
+    ),
+}
+
+
+def build_catalog(path: Path, tables: Mapping[str, Sequence[tuple[str, Path]]]) -> dict[str, int]:
+    """Write the catalog anew, whole or not at all.
+
+    Args:
+        path: the database file.
+        tables: per schema name, the Parquet files with the task each belongs to. A table without a `task` column
+            gets one; arrays become lists, since their lengths may differ between tasks.
+
+    Returns:
+        rows per table.
+    """
+    import duckdb
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{path.name}.partial")
+    partial.unlink(missing_ok=True)
+    try:
+        rows = {}
+        # one thread: rows keep their order and sums their last digits
+        with duckdb.connect(partial, config={"threads": 1, "autoinstall_known_extensions": False}) as con:
+            for name, files in tables.items():
+                rows[name] = _add_table(con, schema(name), files)
+            for name, (comment, select) in VIEWS.items():
+                con.execute(f"create view {name} as {select}")
+                con.execute(f"comment on view {name} is {_literal(comment)}")
+            con.execute("checkpoint")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+        partial.with_name(f"{partial.name}.wal").unlink(missing_ok=True)
+    return rows
+
+
+def ask(path: Path, sql: str, time_limit_s: float = TIME_LIMIT_S) -> pl.DataFrame:
+    """Answer an SQL question from the catalog, which cannot be changed by it.
+
+    The connection is read-only, and reaches no file, network, extension or setting whatever the question says.
+
+    Raises:
+        QueryError: there is no catalog, the question is wrong or refused, or it took too long.
+    """
+    import duckdb
+    import polars as pl
+
+    if not path.is_file():
+        raise QueryError(f"{path}: there is no catalog yet; make it with `dvc repro`")
+    try:
+        with duckdb.connect(path, read_only=True, config=LOCKED) as con:
+            timer = threading.Timer(time_limit_s, con.interrupt)
+            timer.start()
+            try:
+                answer = con.sql(sql)
+                if answer is None:
+                    raise QueryError("the question has no answer; write a select, for example `from best_hypothesis`")
+                return cast("pl.DataFrame", pl.from_arrow(answer.to_arrow_table()))
+            finally:
+                timer.cancel()
+    except duckdb.InterruptException:
+        raise QueryError(f"the question took more than {time_limit_s:g} s and was stopped; ask for less") from None
+    except duckdb.Error as error:
+        raise QueryError(" ".join(str(error).split("\n\n")[0].split())) from None
+
+
+def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Sequence[tuple[str, Path]]) -> int:
+    names = [column.name for column in contract.columns]
+    for number, (task, file) in enumerate(files):
+        task_column = "" if "task" in names else f"{_literal(task)} as task, "
+        selection = f"select {task_column}{_columns(con, file)} from read_parquet({_literal(str(file))})"
+        con.execute(f"create temp table part_{number} as {selection}")
+    union = " union all by name ".join(f"from part_{number}" for number in range(len(files)))
+    con.execute(f"create table {contract.name} as {union}")
+    for number in range(len(files)):
+        con.execute(f"drop table part_{number}")
+    con.execute(f"comment on table {contract.name} is {_literal(f'one row per {contract.row}')}")
+    for column in contract.columns:
+        unit = f" [{column.unit}]" if column.unit else ""
+        con.execute(f'comment on column {contract.name}."{column.name}" is {_literal(column.description + unit)}')
+    (rows,) = con.execute(f"select count(*) from {contract.name}").fetchone() or (0,)
+    return int(rows)
+
+
+def _columns(con: duckdb.DuckDBPyConnection, file: Path) -> str:
+    """The selection that turns arrays, whose lengths may differ between tasks, into lists."""
+    described = con.execute(f"describe select * from read_parquet({_literal(str(file))})").fetchall()
+    parts = []
+    for name, type_, *_ in described:
+        bare = type_.split("[")[0]
+        lists = bare + "[]" * type_.count("[")
+        parts.append(f'"{name}"::{lists} as "{name}"' if lists != bare else f'"{name}"')
+    return ", ".join(parts)
+
+
+def _literal(text: str) -> str:
+    return "'" + text.replace("'", "''") + "'"
