@@ -1,0 +1,220 @@
+"""Bounded, checked reading of MCAP files: what a broken or hostile file can cost is limited before it is paid.
+
+Only the framing is our own. The official stream reader parses every index entry in Python, lets a length inside a
+record run past the record's end, checks few CRCs and inflates a chunk to whatever size its frame states. The bodies of
+the records are parsed by the official classes.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO, TypeVar
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk, DataEnd, Footer
+
+from pipeline.stores.reasons import rejection
+
+MAGIC = b"\x89MCAP0\r\n"
+FRAME = struct.Struct("<BQ")  # opcode, length of the body
+_CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_LOOSE_BLOCK_BYTES = 1 << 20
+
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What reading one file may cost.
+
+    Attributes:
+        record_bytes: longest record, as stored.
+        chunk_bytes: longest chunk, inflated.
+        total_bytes: all chunks and loose records together, inflated.
+        ratio: inflated over stored size of a chunk that inflates to more than `ratio_floor_bytes`.
+        joint_states: messages on one JointState channel.
+    """
+
+    record_bytes: int = 64 << 20
+    chunk_bytes: int = 256 << 20
+    total_bytes: int = 1 << 30
+    ratio: int = 1000
+    ratio_floor_bytes: int = 4 << 20
+    joint_states: int = 2_000_000
+
+
+def scan(path: Path, limits: Limits) -> Iterator[tuple[int, bytes]]:
+    """Walk a whole MCAP file, checking magic, framing and every CRC it carries.
+
+    Yields:
+        `(opcode, body)` of header, metadata and statistics records, and `(Opcode.CHUNK, data)` for each inflated
+        chunk. Schemas, channels and messages outside chunks come as such blocks too, their copies in the summary do not.
+
+    Raises:
+        RecordingError: unreadable, not-mcap, truncated, corrupt, unsupported-compression or too-large.
+    """
+    if path.is_dir():
+        raise rejection("unreadable", f"{path} is a folder; give the .mcap file inside it.")
+    if path.exists() and not path.is_file():
+        raise rejection("unreadable", f"{path} is not a regular file; give an .mcap file.")
+    try:
+        with path.open("rb") as file:
+            yield from _scan(file, os.fstat(file.fileno()).st_size, limits)
+    except OSError as error:
+        raise rejection("unreadable", f"{path} cannot be read: {error.strerror or error}.") from error
+
+
+def parse(read: Callable[[ReadDataStream], Record], body: bytes) -> Record:
+    """Parse the body of one record with the official class's `read`, never past the body's end."""
+    try:
+        return read(_Body(BytesIO(body)))
+    except (McapError, struct.error, UnicodeDecodeError, OverflowError) as error:
+        raise rejection("corrupt", "A record's content does not fit its length or is not valid text.") from error
+
+
+class _Body(ReadDataStream):
+    """The official stream, with a short read as an error."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) != length:
+            raise EndOfFile
+        return data
+
+
+def _scan(file: BinaryIO, size: int, limits: Limits) -> Iterator[tuple[int, bytes]]:
+    magic = file.read(len(MAGIC))
+    if magic != MAGIC:
+        raise rejection("not-mcap", "The file does not start with the MCAP magic; only MCAP recordings can be read.")
+    crc = zlib.crc32(magic)
+    in_data, total, loose = True, 0, bytearray()
+    opcode = None
+    while opcode != Opcode.FOOTER:
+        first = opcode is None
+        frame, opcode, body = _record(file, size, limits)
+        if first and opcode != Opcode.HEADER:
+            raise rejection("corrupt", f"The file starts with a record of type {opcode} where the header should be.")
+        if loose and (opcode not in _CONTENT or len(loose) >= _LOOSE_BLOCK_BYTES):
+            total = _spend(total, len(loose), limits)
+            yield Opcode.CHUNK, bytes(loose)
+            loose.clear()
+        if opcode == Opcode.CHUNK and in_data:
+            chunk = parse(Chunk.read, body)
+            total = _spend(total, chunk.uncompressed_size, limits)
+            yield Opcode.CHUNK, inflate(chunk, limits)
+        elif opcode in _CONTENT and in_data:
+            loose += frame + body
+        elif opcode in (Opcode.HEADER, Opcode.METADATA, Opcode.STATISTICS):
+            yield opcode, body
+        elif opcode == Opcode.DATA_END:
+            _match_crc("data section", parse(DataEnd.read, body).data_section_crc, crc)
+            in_data, crc = False, 0
+            continue
+        elif opcode == Opcode.FOOTER:
+            _match_crc("summary", parse(Footer.read, body).summary_crc, zlib.crc32(frame + body[:16], crc))
+        crc = zlib.crc32(body, zlib.crc32(frame, crc))
+    if in_data:
+        raise rejection("corrupt", "The file has a footer but no end of the data section.")
+    if file.read(len(MAGIC) + 1) != MAGIC:
+        raise rejection("truncated", "The MCAP magic that ends a finished file is missing; try `mcap recover`.")
+
+
+def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[bytes, int, bytes]:
+    offset = file.tell()
+    frame = file.read(FRAME.size)
+    if len(frame) < FRAME.size:
+        raise rejection(
+            "truncated",
+            f"The file ends after {size} bytes without a footer; it was cut off, try `mcap recover`.",
+        )
+    opcode, length = FRAME.unpack(frame)
+    if length > size - file.tell():
+        raise rejection(
+            "truncated",
+            f"The record at byte {offset} states {length} bytes but {size - file.tell()} are left; "
+            "the file is cut off or damaged, try `mcap recover`.",
+        )
+    if length > limits.record_bytes:
+        raise rejection(
+            "too-large",
+            f"The record at byte {offset} has {length} bytes, at most {limits.record_bytes} are read; "
+            "keep only the joint states with `mcap filter --include-topic-regex`.",
+        )
+    body = file.read(length)
+    if len(body) < length:
+        raise rejection("truncated", f"The file shrank while it was read, at byte {offset}.")
+    return frame, opcode, body
+
+
+def _spend(total: int, more: int, limits: Limits) -> int:
+    if total + more > limits.total_bytes:
+        raise rejection(
+            "too-large",
+            f"The file inflates to more than {limits.total_bytes} bytes; "
+            "keep only the joint states with `mcap filter --include-topic-regex`.",
+        )
+    return total + more
+
+
+def _match_crc(what: str, stated: int, computed: int) -> None:
+    if stated not in (0, computed):  # 0 stands for "not computed" in MCAP
+        raise rejection("corrupt", f"The checksum of the {what} is {computed:#010x}, the file states {stated:#010x}.")
+
+
+def inflate(chunk: Chunk, limits: Limits) -> bytes:
+    """The records of a chunk, inflated to exactly its stated size, or a RecordingError."""
+    size, stored = chunk.uncompressed_size, len(chunk.data)
+    if size > limits.chunk_bytes or size > max(limits.ratio_floor_bytes, limits.ratio * stored):
+        raise rejection(
+            "too-large",
+            f"A chunk of {stored} bytes states {size} bytes inflated; allowed are {limits.chunk_bytes} bytes "
+            f"and a ratio of {limits.ratio}.",
+        )
+    if chunk.compression == "":
+        data = chunk.data
+    elif chunk.compression == "zstd":
+        data = _inflate_zstd(chunk.data, size)
+    elif chunk.compression == "lz4":
+        data = _inflate_lz4(chunk.data, size)
+    else:
+        raise rejection(
+            "unsupported-compression",
+            f"A chunk is compressed with {chunk.compression[:40]!r}; readable are lz4, zstd and none, "
+            "convert with `mcap compress`.",
+        )
+    if len(data) != size:
+        raise rejection("corrupt", f"A chunk inflates to {len(data)} bytes where it states {size}.")
+    _match_crc("chunk", chunk.uncompressed_crc, zlib.crc32(data))
+    return data
+
+
+def _inflate_zstd(data: bytes, size: int) -> bytes:
+    try:
+        # the library allocates what the frame states, whatever maximum it is given
+        stated = zstandard.frame_content_size(data)
+        if stated not in (-1, size):
+            raise rejection("corrupt", f"A chunk's zstd frame states {stated} bytes where the chunk states {size}.")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+    except zstandard.ZstdError as error:
+        raise rejection("corrupt", "A chunk's zstd data is damaged or longer than it states.") from error
+
+
+def _inflate_lz4(data: bytes, size: int) -> bytes:
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    try:
+        inflated: bytes = decompressor.decompress(data, max_length=size + 1)
+    except (RuntimeError, EOFError, ValueError) as error:
+        raise rejection("corrupt", "A chunk's lz4 data is damaged.") from error
+    if not decompressor.eof:
+        raise rejection("corrupt", "A chunk's lz4 data is cut off or longer than it states.")
+    return inflated
