@@ -84,7 +84,18 @@ def natural_bump(s: Array, peak: Array) -> Array:
 
 def within_limits(waypoints: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
     """Whether each trajectory (N, T, J) keeps the joint limits (J,) at every waypoint; (N,)."""
-    return ~((waypoints < lower) | (waypoints > upper)).any(axis=(1, 2))
+    return np.asarray(((waypoints >= lower) & (waypoints <= upper)).all(axis=(1, 2)))
+
+
+def require_anchor_within(anchor: Anchor, lower: Array, upper: Array) -> None:
+    """Raise an ArgumentError unless start and goal keep the joint limits (J,)."""
+    for name, value in (("start", anchor.start), ("goal", anchor.goal)):
+        outside = np.flatnonzero((value < lower) | (value > upper))
+        if outside.size:
+            j = int(outside[0])
+            raise ArgumentError(
+                f"anchor.{name} has joint {j + 1} at {value[j]:.6g}; its limits are {lower[j]:.6g} to {upper[j]:.6g}."
+            )
 
 
 def require_positive(name: str, value: float) -> None:

@@ -5,6 +5,7 @@ Shapes and units are those of `paths`; every path starts and ends exactly at its
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from pipeline.trajectories.paths import (
     Array,
     frozen,
     natural_bump,
+    require_anchor_within,
     require_positive,
     sine_basis,
     straight_path,
@@ -31,12 +33,14 @@ __all__ = [
     "Mixture",
     "Planner",
     "Sampler",
+    "Tally",
     "ViaPoint",
     "draw_admissible",
     "propose",
 ]
 
 _HOPELESS_AFTER = 2000  # proposals before a low acceptance is called hopeless
+_KEPT, _OUTSIDE, _REFUSED = range(3)  # the fate of a proposal
 
 
 class Sampler(Protocol):
@@ -63,7 +67,7 @@ class Deformation:
         decay: amplitude of mode k is proportional to k^-decay.
     """
 
-    width_rad: float
+    width_rad: float = 0.3
     modes: int = 5
     decay: float = 2.0
     name: str = "deformation"
@@ -117,7 +121,7 @@ class ViaPoint:
         when: earliest and latest fraction of the time at which the via point is passed.
     """
 
-    reach_rad: float
+    reach_rad: float = 0.75
     when: tuple[float, float] = (0.3, 0.7)
     name: str = "via-point"
 
@@ -148,7 +152,7 @@ class Planner:
     """
 
     paths: Array
-    deformation: Deformation
+    deformation: Deformation = Deformation(0.1)
     name: str = "planner"
 
     def __post_init__(self) -> None:
@@ -197,28 +201,46 @@ class Mixture:
         return propose(self, rng, anchor, count, n_waypoints)[0]
 
 
+@dataclass(frozen=True)
+class Tally:
+    """What became of one sampler's proposals; inside a mixture there is one for each part.
+
+    Attributes:
+        sampler: name of the sampler.
+        proposed: paths drawn in all.
+        outside_limits: of these, discarded because a joint leaves its limits.
+        inadmissible: of these, within the limits and discarded because the scene does not allow them.
+    """
+
+    sampler: str
+    proposed: int
+    outside_limits: int
+    inadmissible: int
+
+    @property
+    def kept(self) -> int:
+        """Proposals that passed."""
+        return self.proposed - self.outside_limits - self.inadmissible
+
+
 @dataclass(frozen=True, eq=False)
 class Draw:
     """Paths that passed, in the order drawn, and what it took.
 
     Attributes:
         waypoints: (N, T, J), read-only.
-        component: (N,) name of the sampler that drew each; inside a mixture, of the one that was picked.
-        proposed: paths drawn in all.
-        outside_limits: of these, rejected because a joint leaves its limits.
-        inadmissible: of these, within the limits and rejected by the scene.
+        sampler: (N,) name of the sampler behind each; inside a mixture, of the part that was picked.
+        tallies: one for each of these names, in alphabetical order.
     """
 
     waypoints: Array
-    component: tuple[str, ...]
-    proposed: int
-    outside_limits: int
-    inadmissible: int
+    sampler: tuple[str, ...]
+    tallies: tuple[Tally, ...]
 
     @property
     def rejection_rate(self) -> float:
         """Share of the proposed paths that was discarded."""
-        return (self.outside_limits + self.inadmissible) / self.proposed
+        return 1 - sum(t.kept for t in self.tallies) / sum(t.proposed for t in self.tallies)
 
 
 def draw_admissible(
@@ -254,28 +276,48 @@ def draw_admissible(
     """
     if count < 1 or n_waypoints < 2:
         raise ArgumentError(f"count is {count} and n_waypoints {n_waypoints}; allowed are >= 1 and >= 2.")
-    _require_anchor_within(anchor, lower, upper)
-    kept: list[Array] = []
+    require_anchor_within(anchor, lower, upper)
+    rounds: list[Array] = []
     names: list[str] = []
-    proposed = outside = refused = 0
-    while len(names) < count:
-        paths, component = propose(sampler, rng, anchor, count - len(names), n_waypoints)
-        within = within_limits(paths, lower, upper)
-        good = within.copy()
-        if within.any():
-            good[within] = admissible(paths[within])
-        proposed += len(paths)
-        outside += int((~within).sum())
-        refused += int((within & ~good).sum())
-        kept.append(paths[good])
-        names.extend(component[good].tolist())
-        if proposed >= _HOPELESS_AFTER and len(names) < least_acceptance * proposed:
+    fates: list[int] = []
+    missing = count
+    while missing:
+        paths, fate, drawn_by = _judged(sampler, rng, anchor, missing, n_waypoints, lower, upper, admissible)
+        rounds.append(paths[fate == _KEPT])
+        fates.extend(fate.tolist())
+        names.extend(drawn_by.tolist())
+        missing -= len(rounds[-1])
+        if len(fates) >= _HOPELESS_AFTER and count - missing < least_acceptance * len(fates):
             raise StageError(
-                f"sampler {sampler.name!r} had {len(names)} of {proposed} paths accepted ({outside} left the joint "
-                f"limits, {refused} went through the scene), at least {least_acceptance:g} of them must be; "
-                f"make it narrower or move the start and goal."
+                f"sampler {sampler.name!r} had {count - missing} of {len(fates)} paths accepted "
+                f"({fates.count(_OUTSIDE)} left the joint limits, {fates.count(_REFUSED)} were not allowed by the "
+                f"scene), at least {least_acceptance:g} of them must be; make it narrower or move the start and goal."
             )
-    return Draw(frozen(np.concatenate(kept)), tuple(names), proposed, outside, refused)
+    kept_by = tuple(name for name, fate in zip(names, fates, strict=True) if fate == _KEPT)
+    counts = Counter(zip(names, fates, strict=True))
+    tallies = tuple(
+        Tally(name, names.count(name), counts[name, _OUTSIDE], counts[name, _REFUSED]) for name in sorted(set(names))
+    )
+    return Draw(frozen(np.concatenate(rounds)), kept_by, tallies)
+
+
+def _judged(
+    sampler: Sampler,
+    rng: np.random.Generator,
+    anchor: Anchor,
+    count: int,
+    n_waypoints: int,
+    lower: Array,
+    upper: Array,
+    admissible: Admissible,
+) -> tuple[Array, NDArray[np.int64], NDArray[np.object_]]:
+    """Proposals (count, T, J), the fate of each (count,) and who drew it (count,)."""
+    paths, drawn_by = propose(sampler, rng, anchor, count, n_waypoints)
+    inside = within_limits(paths, lower, upper)
+    fate = np.where(inside, _KEPT, _OUTSIDE)
+    if inside.any():
+        fate[inside] = np.where(admissible(paths[inside]), _KEPT, _REFUSED)
+    return paths, fate, drawn_by
 
 
 def propose(
@@ -292,13 +334,3 @@ def propose(
         rows = picked == index
         paths[rows], names[rows] = propose(part, rng, anchor, int(rows.sum()), n_waypoints)
     return paths, names
-
-
-def _require_anchor_within(anchor: Anchor, lower: Array, upper: Array) -> None:
-    for name, value in (("start", anchor.start), ("goal", anchor.goal)):
-        outside = np.flatnonzero((value < lower) | (value > upper))
-        if outside.size:
-            j = int(outside[0])
-            raise ArgumentError(
-                f"anchor.{name} has joint {j + 1} at {value[j]:.6g}; its limits are {lower[j]:.6g} to {upper[j]:.6g}."
-            )

@@ -1,0 +1,195 @@
+"""Stochastic trajectory optimisation: many cost weightings at once, over one shared batch of replays.
+
+The search is an evolution strategy with weighted recombination and cumulative step-size adaptation (Hansen,
+"The CMA Evolution Strategy: A Tutorial", arXiv 1604.00772, equations 6, 40-44 and the constants of its table 1,
+without the covariance update) over the coefficients of `sine_basis`. With decay 1 the sum of squared steps is a
+multiple of the squared norm of the coefficients, so no covariance needs to be learned for that term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pipeline.errors import ArgumentError, StageError
+from pipeline.trajectories.paths import (
+    Admissible,
+    Anchor,
+    Array,
+    frozen,
+    require_anchor_within,
+    require_positive,
+    sine_basis,
+    straight_path,
+    within_limits,
+)
+
+Costs = Callable[[Array], Array]
+"""(N, T, J) waypoints to (N, F) cost terms, scaled so that one weight means as much for each."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """How hard to search.
+
+    Attributes:
+        modes: half waves per joint that a path is made of.
+        step_rad: initial root mean square deviation of the candidates from the straight path.
+        population: candidates per weighting and iteration, >= 4.
+        iterations: number of populations.
+    """
+
+    modes: int = 5
+    step_rad: float = 0.3
+    population: int = 16
+    iterations: int = 160
+
+    def __post_init__(self) -> None:
+        require_positive("step_rad", self.step_rad)
+        if self.modes < 1 or self.population < 4 or self.iterations < 1:
+            raise ArgumentError(
+                f"modes is {self.modes}, population {self.population}, iterations {self.iterations}; "
+                f"allowed are >= 1, >= 4 and >= 1."
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Optimised:
+    """The best admissible path seen for each weighting.
+
+    Attributes:
+        waypoints: (P, T, J), read-only.
+        costs: (P,) weighted cost of each.
+        inadmissible: share of all candidates that left the limits or went through the scene.
+    """
+
+    waypoints: Array
+    costs: Array
+    inadmissible: float
+
+
+def optimise_paths(
+    rngs: Sequence[np.random.Generator],
+    anchor: Anchor,
+    weights: Array,
+    costs: Costs,
+    *,
+    lower: Array,
+    upper: Array,
+    admissible: Admissible,
+    n_waypoints: int,
+    search: Search = Search(),
+) -> Optimised:
+    """Find, for each row of `weights`, an admissible path of low weighted cost from start to goal.
+
+    Minimises weights_p . costs(path). A candidate that leaves the limits or is inadmissible takes no part in the
+    recombination. Each weighting has its own random stream and shares nothing but the batch, so a further one
+    changes no other.
+
+    Args:
+        rngs: P generators.
+        anchor: start and goal, joint positions (J,).
+        weights: (P, F) weight of each cost term, usually >= 0.
+        costs: (N, T, J) -> (N, F) cost terms.
+        lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
+        admissible: (N, T, J) -> (N,) booleans; sees only paths within the limits.
+        n_waypoints: T.
+        search: how hard to search.
+
+    Raises:
+        ArgumentError: generators and weights do not match, or the anchor is outside the limits.
+        StageError: a weighting never met an admissible path.
+    """
+    weights = np.asarray(weights, dtype=np.float64)
+    if weights.ndim != 2 or len(weights) != len(rngs) or not len(rngs):
+        raise ArgumentError(f"weights has shape {weights.shape}; it must be (P, F) for the {len(rngs)} rngs, P >= 1.")
+    require_anchor_within(anchor, lower, upper)
+    line = straight_path(anchor, n_waypoints)
+    basis = sine_basis(n_waypoints, search.modes, 1.0)
+
+    def evaluate(z: Array) -> tuple[Array, Array]:
+        """Paths (P, L, T, J) and weighted costs (P, L), infinite where a path is not allowed."""
+        paths = line + np.einsum("kt,plkj->pltj", basis, z)
+        flat = paths.reshape(-1, *line.shape)
+        values = np.full(len(flat), np.inf)
+        good = within_limits(flat, lower, upper)
+        if good.any():
+            good[good] = admissible(flat[good])
+        if good.any():
+            owner = np.repeat(np.arange(len(z)), z.shape[1])[good]
+            values[good] = (weights[owner] * costs(flat[good])).sum(axis=1)
+        return paths, values.reshape(z.shape[:2])
+
+    shape = (search.modes, anchor.start.size)
+    strategy = _EvolutionStrategy(len(weights), shape, search.population, search.step_rad)
+    best_value = np.full(len(weights), np.inf)
+    best_path = np.repeat(line[None], len(weights), axis=0)
+    refused = 0
+    everyone = np.arange(len(weights))
+    for _ in range(search.iterations):
+        noise = np.stack([rng.standard_normal((search.population, *shape)) for rng in rngs])
+        paths, values = evaluate(strategy.candidates(noise))
+        refused += int(np.isinf(values).sum())
+        champion = values.argmin(axis=1)
+        value = values[everyone, champion]
+        better = value < best_value
+        best_path[better] = paths[everyone, champion][better]
+        best_value[better] = value[better]
+        strategy.update(noise, values)
+    if np.isinf(best_value).any():
+        raise StageError(
+            f"no admissible path was found for weights {weights[np.isinf(best_value)][0].tolist()} in "
+            f"{search.iterations} populations of {search.population}; raise step_rad or move the start and goal."
+        )
+    return Optimised(
+        frozen(best_path), frozen(best_value), refused / (search.iterations * best_value.size * search.population)
+    )
+
+
+class _EvolutionStrategy:
+    """(mu/mu_w, lambda)-ES with cumulative step-size adaptation for P problems of the same shape side by side."""
+
+    def __init__(self, problems: int, shape: tuple[int, int], population: int, step: float) -> None:
+        n = shape[0] * shape[1]
+        parents = population // 2
+        self._recombination = np.zeros(population)  # by rank, best first
+        self._recombination[:parents] = np.log((population + 1) / 2) - np.log(np.arange(1, parents + 1))
+        self._recombination /= self._recombination.sum()
+        mass = 1 / (self._recombination**2).sum()  # mu_eff
+        self._learning = (mass + 2) / (n + mass + 5)  # c_sigma
+        self._damping = 1 + 2 * max(0.0, np.sqrt((mass - 1) / (n + 1)) - 1) + self._learning  # d_sigma
+        self._expected_length = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))  # E |N(0, I)|
+        self._mean = np.zeros((problems, *shape))
+        self._evolution = np.zeros((problems, *shape))  # p_sigma
+        self._step = np.full((problems, 1, 1), step)
+
+    def candidates(self, noise: Array) -> Array:
+        """(P, L, K, J) standard normals to candidates."""
+        points: Array = self._mean[:, None] + self._step[:, None] * noise
+        return points
+
+    def update(self, noise: Array, values: Array) -> None:
+        """Move mean and step size after `noise` got `values` (P, L); infinite values have no weight."""
+        order = np.argsort(values, axis=1, kind="stable")
+        share = np.zeros_like(values)
+        np.put_along_axis(share, order, np.broadcast_to(self._recombination, values.shape), axis=1)
+        share[np.isinf(values)] = 0.0
+        total = share.sum(axis=1)
+        moved = total > 0  # a problem without one allowed candidate stays as it is
+        share = share[moved] / total[moved, None]
+        jump = np.einsum("pl,plkj->pkj", share, noise[moved])
+        mass = 1 / (share**2).sum(axis=1)[:, None, None]
+        self._mean[moved] += self._step[moved] * jump
+        c = self._learning
+        self._evolution[moved] = (1 - c) * self._evolution[moved] + np.sqrt(c * (2 - c) * mass) * jump
+        length = np.sqrt((self._evolution[moved] ** 2).sum(axis=(1, 2), keepdims=True))
+        self._step[moved] *= np.exp(c / self._damping * (length / self._expected_length - 1))
+
+
+def random_weights(rng: np.random.Generator, count: int, features: int) -> Array:
+    """Cost weights (count, features): unit vectors spread evenly over the orthant of non-negative weights."""
+    w = np.abs(rng.standard_normal((count, features)))
+    unit: Array = w / np.linalg.norm(w, axis=1, keepdims=True)
+    return unit
