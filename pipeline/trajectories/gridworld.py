@@ -1,0 +1,120 @@
+"""Shortest paths through a square grid: all of them, their features, and how much they overlap.
+
+Cells are (x, y) with whole coordinates from 0; a path goes from (0, 0) to (size - 1, size - 1) by steps right or up.
+"""
+
+from __future__ import annotations
+
+from itertools import chain, combinations
+from math import comb, isqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.errors import ArgumentError
+
+MAX_SIZE = 12  # 705,432 paths; a cell more makes 2.7 million, past what fits in memory with comfort
+
+Cells = NDArray[np.int64]
+
+
+def shortest_paths(size: int) -> Cells:
+    """All comb(2 size - 2, size - 1) shortest paths from one corner of a size x size grid to the opposite one.
+
+    Args:
+        size: cells along each side, 2 to 12.
+
+    Returns:
+        (N, 2 size - 1, 2) cells x, y of each path's steps, in the order of `itertools.combinations` over which of the
+        steps go right (the first path goes right first).
+
+    Raises:
+        ArgumentError: the size is out of range.
+    """
+    if not 2 <= size <= MAX_SIZE:
+        raise ArgumentError(f"size is {size}; it must be a whole number from 2 to {MAX_SIZE}.")
+    steps, right = 2 * size - 2, size - 1
+    count = comb(steps, right)
+    chosen = np.fromiter(
+        chain.from_iterable(combinations(range(steps), right)), dtype=np.int64, count=count * right
+    ).reshape(count, right)
+    goes_right = np.zeros((count, steps), dtype=np.int64)
+    np.put_along_axis(goes_right, chosen, 1, axis=1)
+    paths = np.zeros((count, steps + 1, 2), dtype=np.int64)
+    np.cumsum(goes_right, axis=1, out=paths[:, 1:, 0])
+    paths[:, :, 1] = np.arange(steps + 1) - paths[:, :, 0]
+    return paths
+
+
+def mean_distances(paths: Cells, objects: ArrayLike) -> NDArray[np.float64]:
+    """Mean Euclidean distance of each path's cells to each object, in cells.
+
+    A distance is sqrt(m) times a whole number, m without square factors, and these roots are linearly independent over
+    the rationals. Summing whole numbers per m first makes paths that are equally far get bit-identical features.
+
+    Args:
+        paths: (N, T, 2) cells.
+        objects: (F, 2) cells with whole coordinates.
+
+    Returns:
+        (N, F) mean distances.
+
+    Raises:
+        ArgumentError: an object has no whole coordinates.
+    """
+    centres = np.asarray(objects)
+    if centres.ndim != 2 or centres.shape[1] != 2 or not np.issubdtype(centres.dtype, np.integer):
+        raise ArgumentError(f"objects is {centres.tolist()}; give one pair of whole coordinates per object.")
+    return np.column_stack([_mean_distance(paths, centre) for centre in centres])
+
+
+def mean_positions(paths: Cells) -> NDArray[np.float64]:
+    """(N, 2) mean x and mean y of each path's cells. They sum to size - 1: a step is either right or up."""
+    means: NDArray[np.float64] = paths.mean(axis=1)
+    return means
+
+
+def log_path_sizes(paths: Cells) -> NDArray[np.float64]:
+    """Logarithm of each path's size: 1 if it shares no link with another, less the more it overlaps.
+
+    PS_i = sum_{a in i} (l_a / L_i) / N_a, with l_a = 1 the length of link a, L_i the length of the path and N_a the
+    number of paths over the link. Added to the reward it gives the path-size logit, the route-choice literature's
+    correction for similar paths.
+
+    Args:
+        paths: (N, T, 2) cells; all of them make up the choice set.
+
+    Returns:
+        (N,) logarithms, at most 0.
+
+    Source: M. Ben-Akiva and M. Bierlaire, Discrete choice methods and their applications to short term travel
+    decisions, Handbook of Transportation Science (1999), with exponent 1.
+    """
+    side = int(paths.max()) + 1
+    cell = paths[:, :, 0] * side + paths[:, :, 1]
+    link = cell[:, :-1] * side * side + cell[:, 1:]
+    distinct, index = np.unique(link, return_inverse=True)
+    users = np.bincount(index.ravel(), minlength=distinct.size)
+    share = (1.0 / users)[index.reshape(link.shape)]
+    log_sizes: NDArray[np.float64] = np.log(share.mean(axis=1))
+    return log_sizes
+
+
+def _mean_distance(paths: Cells, centre: NDArray[np.int64]) -> NDArray[np.float64]:
+    squared = ((paths - centre) ** 2).sum(axis=2)
+    values, index = np.unique(squared, return_inverse=True)
+    factors, radicands = np.array([_simplest_root(int(value)) for value in values]).T
+    total: NDArray[np.float64] = np.zeros(len(paths))
+    for radicand in np.unique(radicands):
+        whole = np.where(radicands == radicand, factors, 0)[index.reshape(squared.shape)].sum(axis=1)
+        total += whole * np.sqrt(float(radicand))
+    total /= paths.shape[1]
+    return total
+
+
+def _simplest_root(value: int) -> tuple[int, int]:
+    """(k, m) with sqrt(value) = k sqrt(m) and m free of squares; (0, 1) for zero."""
+    if value == 0:
+        return 0, 1
+    k = max(k for k in range(1, isqrt(value) + 1) if value % (k * k) == 0)
+    return k, value // (k * k)

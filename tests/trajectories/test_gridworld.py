@@ -1,0 +1,87 @@
+"""Grid-world paths against combinatorics, symmetry and slow loops."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+import pytest
+from slow_gridworld import all_paths, mean_distance, path_size
+
+from pipeline.errors import ArgumentError
+from pipeline.trajectories.gridworld import log_path_sizes, mean_distances, mean_positions, shortest_paths
+
+
+@pytest.mark.parametrize("size", [2, 3, 4, 5])
+def test_all_paths_in_order(size: int) -> None:
+    assert [tuple(map(tuple, path)) for path in shortest_paths(size).tolist()] == all_paths(size)
+
+
+def test_ten_by_ten() -> None:
+    paths = shortest_paths(10)
+    assert paths.shape == (48_620, 19, 2)
+    assert len(paths) == comb(18, 9)
+    steps = np.diff(paths, axis=1)
+    assert (steps.sum(axis=2) == 1).all()
+    assert (steps >= 0).all()
+    assert (paths[:, 0] == 0).all()
+    assert (paths[:, -1] == 9).all()
+    assert len(np.unique(paths.reshape(len(paths), -1), axis=0)) == 48_620
+
+
+def test_distances_agree_with_loops() -> None:
+    paths, centres = shortest_paths(5), [(1, 3), (3, 1), (0, 0)]
+    expected = [[mean_distance(path, centre) for centre in centres] for path in all_paths(5)]
+    assert mean_distances(paths, centres) == pytest.approx(np.array(expected), rel=1e-14)
+
+
+def test_equally_far_paths_have_identical_features() -> None:
+    # both objects lie on x + y = 9, so folding a path's second half over that line keeps its distances and leaves two
+    # paths of nine steps from one corner to one end; exchanging their tails where they meet keeps the distances too.
+    # What is left are the pairs that do not cross, of which there are as many as the tenth Catalan number.
+    features = mean_distances(shortest_paths(10), [(2, 7), (7, 2)])
+    assert len(np.unique(features, axis=0)) == 16_796 == comb(20, 10) // 11
+    rounded = np.unique(np.round(features, 9), axis=0)
+    assert len(rounded) == 16_796  # no ties were missed by rounding errors
+
+
+def test_mirrored_objects_mirror_the_features() -> None:
+    paths = shortest_paths(6)
+    features = mean_distances(paths, [(1, 4), (4, 1)])
+    mirrored = mean_distances(paths[:, :, ::-1], [(1, 4), (4, 1)])
+    assert (mirrored == features[:, ::-1]).all()
+    assert (np.sort(features[:, 0]) == np.sort(features[:, 1])).all()
+
+
+def test_mean_positions() -> None:
+    paths = shortest_paths(4)
+    means = mean_positions(paths)
+    assert means[0] == pytest.approx([(0 + 1 + 2 + 3 * 4) / 7, (0 * 4 + 1 + 2 + 3) / 7])
+    assert means.sum(axis=1) == pytest.approx(np.full(20, 3.0), rel=1e-14)
+
+
+@pytest.mark.parametrize("size", [2, 3, 4])
+def test_path_sizes_agree_with_loops(size: int) -> None:
+    paths = all_paths(size)
+    expected = [path_size(paths, i) for i in range(len(paths))]
+    assert np.exp(log_path_sizes(shortest_paths(size))) == pytest.approx(expected, rel=1e-12)
+
+
+def test_path_sizes_of_disjoint_and_identical_paths() -> None:
+    paths = shortest_paths(2)
+    assert log_path_sizes(paths).tolist() == [0.0, 0.0]
+    assert log_path_sizes(paths[[0, 0, 1]]) == pytest.approx([np.log(0.5), np.log(0.5), 0.0])
+
+
+def test_path_sizes_sum_to_the_number_of_links() -> None:
+    # each link gives 1 / L in all, shared among its users: 2 n (n - 1) links over L = 2 (n - 1) steps
+    assert np.exp(log_path_sizes(shortest_paths(8))).sum() == pytest.approx(8.0, rel=1e-12)
+
+
+def test_refusals() -> None:
+    with pytest.raises(ArgumentError, match="size is 1"):
+        shortest_paths(1)
+    with pytest.raises(ArgumentError, match="size is 13"):
+        shortest_paths(13)
+    with pytest.raises(ArgumentError, match="whole coordinates"):
+        mean_distances(shortest_paths(3), [(0.5, 1.0)])
