@@ -18,6 +18,7 @@ FILE = "params.yaml"
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -63,6 +64,10 @@ class Simulate(_Section):
     """The simulated participants."""
 
     participants: Annotated[int, Field(ge=1, le=10_000)]
+    spread_rad: Annotated[float, Field(ge=0, le=1)]
+    skill: tuple[Share, Share]
+    topic: str
+    extra_joints: tuple[str, ...]
     weights: Annotated[dict[Name, Weights], AfterValidator(_frozen)]
 
 
@@ -74,6 +79,26 @@ class Ingest(_Section):
     on_rejected: Literal["stop", "continue"]
 
 
+class Deformation(_Section):
+    """See `pipeline.trajectories.samplers.Deformation`."""
+
+    width_rad: Positive
+    modes: Annotated[int, Field(ge=1, le=1000)]
+
+
+class ViaPoint(_Section):
+    """See `pipeline.trajectories.samplers.ViaPoint`."""
+
+    reach_rad: Positive
+
+
+class Planner(_Section):
+    """See `pipeline.trajectories.samplers.Planner`."""
+
+    paths: Annotated[int, Field(ge=1, le=10_000)]
+    width_rad: Positive
+
+
 class Sample(_Section):
     """Which sets of alternatives are drawn, and how."""
 
@@ -82,6 +107,9 @@ class Sample(_Section):
     sets: Annotated[int, Field(ge=0, le=1000)]
     working_set: Annotated[int, Field(ge=2)]
     sampler: Literal["deformation", "via-point", "planner", "mixture"]
+    deformation: Deformation
+    via_point: Annotated[ViaPoint, Field(alias="via-point")]
+    planner: Planner
 
 
 class Features(_Section):

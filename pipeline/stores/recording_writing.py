@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import ArgumentError
 from pipeline.stores.cdr import MAX_JOINTS, encode_joint_states
-from pipeline.stores.tables import written_whole
+from pipeline.stores.whole import written_whole
 
 LIBRARY = "lessbench"
 _SCHEMA_NAME = "sensor_msgs/msg/JointState"

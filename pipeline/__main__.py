@@ -1,0 +1,5 @@
+"""`python -m pipeline` is `lessbench`."""
+
+from pipeline.cli import main
+
+main()

@@ -1,0 +1,193 @@
+"""`lessbench`: run a stage for a task, look at what came out, ask it questions."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.errors import WorkbenchError
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from pipeline.stages.project import Project
+
+app = typer.Typer(
+    name="lessbench",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    help="What did this person want, and how sure can we be? Inference from demonstrations under competing models of "
+    "choice.\n\n`dvc repro` runs all stages that are out of date; the commands below run one stage, or look at results.",
+)
+STAGES, LOOK, SETUP = "Stages (what `dvc repro` calls)", "Look at results", "Bring your own"
+TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.")]
+
+
+def main() -> None:
+    """Run the command line; a user's mistake ends in one sentence and exit status 1."""
+    try:
+        app()
+    except WorkbenchError as error:
+        print(f"lessbench: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(1)
+    except BrokenPipeError:
+        sys.exit(1)
+
+
+@app.command(rich_help_panel=STAGES)
+def simulate(task: TaskName) -> None:
+    """Simulate the task's participants and write their recordings."""
+    from pipeline.stages.simulate import run
+
+    run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def ingest(task: TaskName) -> None:
+    """Read the task's recordings into demonstrations.parquet."""
+    from pipeline.stages.ingest import run
+
+    run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def sample(task: TaskName) -> None:
+    """Draw the sets of alternatives into alternatives.parquet."""
+    from pipeline.stages.sample import run
+
+    run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def featurize(task: TaskName) -> None:
+    """Replay every waypoint in MuJoCo and write features.parquet."""
+    from pipeline.stages.featurize import run
+
+    run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def density(task: TaskName) -> None:
+    """Select each set's bandwidth and write densities.parquet and scales.parquet."""
+    from pipeline.stages.density import run
+
+    run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def infer(task: TaskName) -> None:
+    """Compute the posterior over theta and beta under every model into posteriors.parquet."""
+    from pipeline.stages.infer import run
+
+    run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def inspect(task: TaskName) -> None:
+    """Write inspect.rrd, the recording that `lessbench view` opens."""
+    from pipeline.stages.inspect import run
+
+    run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def catalog() -> None:
+    """Gather all tables in datasets/catalog.duckdb."""
+    from pipeline.stages.catalog import run
+
+    run(_project())
+
+
+@app.command(rich_help_panel=LOOK)
+def sql(question: Annotated[str, typer.Argument(metavar="QUESTION", help="One SQL query (DuckDB's dialect).")]) -> None:
+    """Ask the catalog a question; it is opened read-only.
+
+    Example: `lessbench sql "from best_hypothesis where demonstration_id = 'all' and set_id = 'working'"`
+    """
+    from pipeline.stores.catalog import ask
+
+    _print_table(ask(_project().catalog, question))
+
+
+@app.command(rich_help_panel=LOOK)
+def view(task: TaskName) -> None:
+    """Open the task's recording in the Rerun viewer."""
+    from pipeline.stores.viewer import open_viewer
+
+    project = _project()
+    project.params.task(task)
+    open_viewer(project.datasets / task / "inspect.rrd")
+
+
+@app.command(rich_help_panel=LOOK)
+def summary() -> None:
+    """Say what each stage took and produced when it last ran."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from pipeline.stages.project import recorded_runs
+
+    table = Table("stage", "task", "took", "produced", title="Last run of each stage", title_justify="left")
+    for run in recorded_runs(_project()):
+        table.add_row(str(run["stage"]), str(run["task"]), f"{run['seconds']:.1f} s", str(run["produced"]))
+    Console().print(table)
+
+
+@app.command(rich_help_panel=SETUP)
+def check(
+    files: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="MCAP files.")],
+    task: Annotated[str | None, typer.Option(help="Also ask whether the task's joints are in it.")] = None,
+) -> None:
+    """Say what each recording holds, whether it can be used, and if not why. Exit status 1 if any cannot."""
+    from pipeline.stages.check import report
+
+    usable = True
+    for path in files:
+        lines, good = report(path, _project() if task else None, task)
+        print("\n".join(lines))  # noqa: T201
+        usable &= good
+    if not usable:
+        raise typer.Exit(1)
+
+
+@app.command("new-task", rich_help_panel=SETUP)
+def new_task(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
+    scene: Annotated[str, typer.Option(help="MJCF file with a keyframe `start` (and `goal`).")],
+    recordings: Annotated[str, typer.Option(help="Folder of MCAP recordings.")],
+    end_effector: Annotated[str | None, typer.Option(help="Body or site whose path matters; else the last body.")] = None,
+) -> None:
+    """Write a task skeleton into params.yaml and say what to do next."""
+    from pipeline.stages.new_task import add_task
+
+    print(add_task(_project(), name, scene, recordings, end_effector))  # noqa: T201
+
+
+def _project() -> Project:
+    from pipeline.stages.project import find_project
+
+    return find_project(Path.cwd())
+
+
+def _print_table(table: pl.DataFrame) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    shown = Table(*table.columns)
+    for row in table.iter_rows():
+        shown.add_row(*(_cell(value) for value in row))
+    console = Console(width=None if sys.stdout.isatty() else 200)
+    console.print(shown)
+    console.print(f"{table.height} row{'s' if table.height != 1 else ''}")
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_cell(item) for item in value) + "]"
+    return "" if value is None else str(value)

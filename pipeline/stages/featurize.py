@@ -1,0 +1,39 @@
+"""Stage: every waypoint of every trajectory replayed in MuJoCo, summed up in the task's features."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+
+from pipeline.replay import bind_features
+from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.scenes import load_task_scene
+from pipeline.stores.tables import read_table, write_table
+
+ALTERNATIVE_COLUMNS = ("anchor", "set_size", "set_id")
+
+
+def run(project: Project, name: str) -> None:
+    """Write features.parquet of the task `name`."""
+    task = project.params.task(name)
+    with recorded_run(project, "featurize", name) as record:
+        scene = load_task_scene(project, task)
+        features = bind_features(scene, task.features)
+        sources = [project.table(name, "demonstrations"), project.table(name, "alternatives")]
+        demonstrations = read_table(sources[0], "demonstrations")
+        alternatives = read_table(sources[1], "alternatives")
+        rows = pl.concat(
+            [
+                demonstrations.select(pl.lit("demonstration").alias("kind"), id="demonstration_id"),
+                alternatives.select(pl.lit("alternative").alias("kind"), *ALTERNATIVE_COLUMNS, id="alternative_id"),
+            ],
+            how="diagonal",
+        )
+        waypoints = np.concatenate(
+            [table["waypoints"].to_numpy().astype(np.float64) for table in (demonstrations, alternatives)]
+        )
+        values = features.evaluate(waypoints)
+        table = rows.with_columns(pl.Series(feature, values[:, f]) for f, feature in enumerate(features.names))
+        provenance = project.provenance([task.features, task.end_effector], [*sources, scene.path])
+        write_table(project.table(name, "features"), "features", table, provenance)
+        record.produced = f"{table.height:,} trajectories x {len(features.names)} features"

@@ -1,0 +1,52 @@
+"""A task skeleton for somebody's own arm and recordings, written into params.yaml beside what is there."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+from pipeline import params
+from pipeline.errors import ParameterError, SceneError
+from pipeline.replay import Scene, load_scene
+from pipeline.stages.project import Project
+from pipeline.stores.whole import written_whole
+
+
+def add_task(project: Project, name: str, scene: str, recordings: str, end_effector: str | None) -> str:
+    """Add the task `name` to params.yaml, comments kept, and say what to do next.
+
+    Args:
+        project: where to add it.
+        name: of the task, not used before.
+        scene: MJCF file, relative to the project or absolute.
+        recordings: folder of MCAP files, relative to the project or absolute.
+        end_effector: body or site whose path matters; None for the last body that moves.
+
+    Raises:
+        ParameterError: the name is taken or not a name, or the folder holds no recordings.
+        SceneError: see `pipeline.replay.load_scene`.
+    """
+    from ruamel.yaml import YAML
+
+    if name in project.params.tasks:
+        raise ParameterError(f"there is a task {name!r} already in {params.FILE}; choose another name")
+    folder = project.path(recordings)
+    if not any(folder.glob("*.mcap")):
+        raise ParameterError(f"--recordings is {recordings}: there is no .mcap file in it; name a folder that has some")
+    loaded = load_scene(project.path(scene), end_effector=end_effector or _last_body(project.path(scene)))
+    yaml = YAML(typ="rt")
+    yaml.width = 10_000
+    file = project.root / params.FILE
+    document = yaml.load(file.read_text(encoding="utf-8"))
+    document["tasks"][name] = _skeleton(loaded, scene, recordings)
+    if loaded.goal is None:
+        document["sample"]["anchor"] = "demonstration"
+    text = io.StringIO()
+    yaml.dump(document, text)
+    params.parse(YAML(typ="safe", pure=True).load(text.getvalue()), str(file))
+    with written_whole(file) as stream:
+        stream.write(text.getvalue().encode())
+    return (
+        f"task {name!r} is in {params.FILE}: arm of {len(loaded.joints)} joints ({', '.join(loaded.joints)}), end "
+        f"effector {loaded.end_effector}.\nSay there which features matter, then run: dvc repro inspect@{name}"
+    )

@@ -1,0 +1,69 @@
+"""Stage: simulated participants, recorded as a robot's driver would record people."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+
+from pipeline.errors import ParameterError, one_of
+from pipeline.stages.ingest import METADATA
+from pipeline.stages.planning import Planning
+from pipeline.stages.progress import tracked
+from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.scenes import load_task_scene
+from pipeline.stores.recordings import write_joint_states
+from pipeline.stores.whole import folder_written_whole
+from pipeline.trajectories.optimise import optimise_paths
+from pipeline.trajectories.participants import Driver, Hand, demonstrate, draw_participants, driver_messages
+from pipeline.trajectories.samplers import Deformation
+from pipeline.trajectories.streams import child_rng
+
+FIRST_NS = 1_584_950_400_000_000_000  # 2020-03-23 08:00 UTC; each participant comes ten minutes later
+SLOT_NS = 600_000_000_000
+
+
+def run(project: Project, name: str) -> None:
+    """Write the folder of recordings of the task's simulated participants."""
+    task, settings, seed = project.params.task(name), project.params.simulate, project.params.seed
+    if name not in settings.weights:
+        raise ParameterError(f"simulate.weights has no task {name!r}; it has {one_of(settings.weights)}")
+    with recorded_run(project, "simulate", name) as record:
+        scene = load_task_scene(project, task)
+        planning = Planning(scene, task, project.params.ingest.waypoints)
+        preferences = planning.preferences()
+        scales = planning.preference_scales(child_rng(seed, "simulate", name, "scales"), Deformation())
+        theta = np.array([settings.weights[name].get(term, 0.0) for term in preferences.names])
+        people = draw_participants(
+            child_rng(seed, "simulate", name), theta, settings.participants,
+            spread_rad=settings.spread_rad, skill=settings.skill,
+        )  # fmt: skip
+        limits = {"lower": scene.lower, "upper": scene.upper, "admissible": planning.admissible}
+        planned = optimise_paths(
+            [child_rng(seed, "simulate", name, person.name, "plan") for person in people],
+            planning.anchor,
+            np.stack([person.theta for person in people]),
+            lambda waypoints: preferences(waypoints) / scales,
+            n_waypoints=planning.waypoints,
+            **limits,
+        )
+        driver = Driver(scene.joints, tuple(scene.continuous.tolist()), settings.extra_joints)
+        with folder_written_whole(project.datasets / name / "recordings") as folder:
+            pairs = list(zip(people, planned.waypoints, strict=True))
+            for place, (person, path) in enumerate(tracked(pairs, f"simulate {name}")):
+                rng = child_rng(seed, "simulate", name, person.name, "hand")
+                motion = demonstrate(rng, path, person.skill, Hand(), **limits)
+                log = driver_messages(rng, motion, driver, FIRST_NS + place * SLOT_NS)
+                truth = dict(zip(preferences.names, (-person.theta / scales).tolist(), strict=True))
+                about = {
+                    "participant": person.name,
+                    "task": name,
+                    "simulated": "true",
+                    "true_theta": json.dumps(truth),
+                    "skill": repr(person.skill),
+                }
+                write_joint_states(
+                    folder / f"{person.name}.mcap", log.time_ns, log.names, log.positions,
+                    topic=settings.topic, metadata={METADATA: about},
+                )  # fmt: skip
+        record.produced = f"{len(people)} recordings"
