@@ -51,7 +51,7 @@ class Hand:
     """How hands disturb a path; the amplitudes are those at skill 1/2.
 
     The two numbers of the speed are those of the 21 recorded demonstrations of a JACO arm that its lab published:
-    the mean square speed over the squared mean speed had median 1.16 there, and these give 1.17.
+    the mean square speed over the squared mean speed had median 1.16 there, and these give 1.16.
 
     Attributes:
         duration_s: shortest and longest duration of the motion.
@@ -64,8 +64,8 @@ class Hand:
     """
 
     duration_s: tuple[float, float] = (4.0, 15.0)
-    ramp: float = 0.1
-    speed_variation: float = 0.3
+    ramp: float = 0.12
+    speed_variation: float = 0.45
     drift_rad: float = 0.03
     misplacement_rad: float = 0.02
     tremor_rad: float = 0.0005
@@ -204,8 +204,13 @@ def demonstrate(
         admissible: (N, M, J) -> (N,) booleans; called with one motion at a time.
 
     Raises:
+        ArgumentError: the path or the skill is not what it must be.
         StageError: no motion near the path is allowed.
     """
+    if path.ndim != 2 or len(path) < 2 or not np.isfinite(path).all() or not 0 <= skill <= 1:
+        raise ArgumentError(
+            f"path has shape {path.shape} and skill is {skill}; needed are finite (T, J), T >= 2, and 0 to 1."
+        )
     for _ in range(_ATTEMPTS):
         motion = _disturbed(rng, path, 2 * (1 - skill), hand)
         positions = motion.positions[None]
@@ -225,7 +230,14 @@ def driver_messages(rng: np.random.Generator, motion: Motion, driver: Driver, st
         motion: what the arm did.
         driver: how it reports.
         start_time_ns: time of the first nominal sample, ns since the epoch.
+
+    Raises:
+        ArgumentError: the driver has another number of joints than the motion.
     """
+    if motion.positions.shape[1] != len(driver.joints):
+        raise ArgumentError(
+            f"driver.joints names {len(driver.joints)} joints, the motion has {motion.positions.shape[1]}; name each."
+        )
     head_s = rng.uniform(*driver.idle_head_s)
     tail_s = rng.uniform(*driver.idle_tail_s)
     nominal_s = np.arange(0.0, head_s + motion.time_s[-1] + tail_s, 1 / driver.rate_hz)
