@@ -20,6 +20,7 @@ from pipeline.stores.reasons import rejection
 
 MAX_JOINTS = 256
 _HEADER = 4  # encapsulation
+_SHARED_LAYOUTS = 16
 _BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 
 
@@ -52,23 +53,30 @@ class _Layout:
         return (slice(0, _HEADER), *(slice(start, stop) for start, stop in spans))
 
 
-def decode_joint_states(payloads: NDArray[np.uint8]) -> list[tuple[slice, JointBlock]]:
-    """Decode messages of equal length, in one step if all have the layout of the first and one by one otherwise.
+def decode_joint_states(payloads: NDArray[np.uint8]) -> list[tuple[NDArray[np.intp], JointBlock]]:
+    """Decode messages of equal length, all that share a layout in one step.
 
     Args:
         payloads: (k, n) bytes, one message a row.
 
     Returns:
-        Which rows each block holds, in order. Messages without positions give a block of zero joints.
+        The rows each block holds, ascending, and the block; messages without positions give a block of no joints.
 
     Raises:
         RecordingError: corrupt, unsupported-encoding.
     """
-    layout = _layout(payloads[0].tobytes())
-    if all((payloads[:, span] == payloads[0, span]).all() for span in layout.fixed()):
-        return [(slice(0, len(payloads)), _block(payloads, layout))]
-    rows = (slice(i, i + 1) for i in range(len(payloads)))
-    return [(row, _block(payloads[row], _layout(payloads[row].tobytes()))) for row in rows]
+    blocks: list[tuple[NDArray[np.intp], JointBlock]] = []
+    rest = np.arange(len(payloads))
+    while len(rest) and len(blocks) < _SHARED_LAYOUTS:
+        rows = payloads[rest]
+        layout = _layout(rows[0].tobytes())
+        same = np.logical_and.reduce([(rows[:, span] == rows[0, span]).all(axis=1) for span in layout.fixed()])
+        blocks.append((rest[same], _block(rows[same], layout)))
+        rest = rest[~same]
+    # a bag has a layout per driver; looking for the mates of each message would be quadratic where every one differs
+    for row in rest[:, None]:
+        blocks.append((row, _block(payloads[row], _layout(payloads[row].tobytes()))))
+    return blocks
 
 
 def _block(payloads: NDArray[np.uint8], layout: _Layout) -> JointBlock:

@@ -58,7 +58,7 @@ def scan(path: Path, limits: Limits) -> Iterator[tuple[int, bytes]]:
 
     Yields:
         `(opcode, body)` of header, metadata and statistics records, and `(Opcode.CHUNK, data)` for each inflated
-        chunk. Schemas, channels and messages outside chunks come as such blocks too, their copies in the summary do not.
+        chunk. Schemas, channels and messages outside chunks come as such blocks too; copies in the summary do not.
 
     Raises:
         RecordingError: unreadable, not-mcap, truncated, corrupt, unsupported-compression or too-large.

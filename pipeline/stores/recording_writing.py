@@ -54,6 +54,11 @@ def write_joint_states(
     log_ns = stamp_ns if log_time_ns is None else _times("log_time_ns", log_time_ns)
     poses = np.asarray(positions, np.float64)
     _check(stamp_ns, log_ns, names, poses)
+    if not topic:
+        raise ArgumentError("topic must be the name of the topic to publish on, got an empty text.")
+    texts = [text for record in metadata.values() for item in record.items() for text in item]
+    if not all(isinstance(text, str) for text in texts):
+        raise ArgumentError(f"metadata must be records of text by text, got {metadata!r}.")
     velocities = np.gradient(poses, (stamp_ns - stamp_ns[0]) / 1e9, axis=0)
     efforts = np.empty((len(poses), 0))
     with written_whole(Path(path)) as stream:

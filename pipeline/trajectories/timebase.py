@@ -56,10 +56,10 @@ def to_branch(q: ArrayLike, reference: ArrayLike, continuous: ArrayLike) -> NDAr
 def trim_idle(time_s: ArrayLike, q: ArrayLike, threshold_rad: float = 0.01) -> slice:
     """Find the part of a recording in which the arm moves.
 
-    The head ends with the last pose before any joint first differs by more than the threshold from the first pose; the tail
-    starts likewise, seen from the end. Comparing poses with the resting pose, and not with their neighbours, gives the same
-    answer at any rate: the rule "consecutive samples move less than 0.01 rad" suits recordings of about 10 Hz, but at
-    100 Hz it holds for an arm moving at 1 rad/s too. Noise and drift below the threshold count as rest.
+    The head ends with the last pose before any joint first differs by more than the threshold from the first pose; the
+    tail starts likewise, seen from the end. Comparing poses with the resting pose, and not with their neighbours, gives
+    the same answer at any rate: the rule "consecutive samples move less than 0.01 rad" suits recordings of about 10 Hz,
+    but at 100 Hz it holds for an arm moving at 1 rad/s too. Noise and drift below the threshold count as rest.
 
     Args:
         time_s: (M,) strictly increasing.
