@@ -1,0 +1,213 @@
+"""Log likelihood of demonstrations under every hypothesis, each with its own joined choice set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.choice.checks import FloatArray, inverse_temperatures, matrix
+from pipeline.choice.logspace import log_sum_exp
+from pipeline.choice.models import ChoiceModel, WeightedSet
+from pipeline.errors import ArgumentError
+
+# Utilities in one block: 16 MB.
+_BLOCK = 2_000_000
+
+
+def log_probabilities(
+    model: ChoiceModel, alternatives: ArrayLike, theta: ArrayLike, beta: float = 1.0, similarity: Any = None
+) -> FloatArray:
+    """Log choice probability of each alternative under one hypothesis.
+
+    log p(i | theta, beta) = beta theta . phi_i + log_w_i - logsumexp_j (beta theta . phi_j + log_w_j)
+
+    >>> from pipeline.choice import Boltzmann
+    >>> np.exp(log_probabilities(Boltzmann(), [[0.0], [0.0]], theta=[1.0]))
+    array([0.5, 0.5])
+
+    Args:
+        model: the choice model.
+        alternatives: (N, F) scaled features.
+        theta: (F,) reward weights; a cost has a negative weight.
+        beta: inverse temperature, positive.
+        similarity: (N, D) what the model compares instead of the features.
+
+    Returns:
+        (N,) log probabilities.
+
+    Raises:
+        ArgumentError: an argument is out of range.
+        BandwidthError: the model's bandwidth cannot be selected.
+    """
+    choice = ChoiceSet.of(model, alternatives, np.atleast_2d(np.asarray(theta)), [beta], similarity)
+    utilities = choice.utilities(choice.features)[0] + choice.weights.log_w
+    return np.asarray(utilities - log_sum_exp(utilities))
+
+
+def log_likelihood(
+    model: ChoiceModel,
+    demonstrations: ArrayLike,
+    alternatives: ArrayLike,
+    thetas: ArrayLike,
+    betas: ArrayLike = (1.0,),
+    similarity: Any = None,
+    demonstration_similarity: Any = None,
+) -> FloatArray:
+    """Log probability of each demonstration under each hypothesis.
+
+    A demonstration outside the set is chosen from the alternatives and itself: its weight is part of the
+    normaliser, and the weights of the alternatives are those of the joined set. Each demonstration has its own.
+
+    Args:
+        model: the choice model.
+        demonstrations: (n, F) scaled features of trajectories outside the set, or (n,) integer rows of it.
+        alternatives: (N, F) scaled features of the choice set.
+        thetas: (K, F) reward weights.
+        betas: (B,) inverse temperatures.
+        similarity: (N, D) what the model compares instead of the features of the alternatives.
+        demonstration_similarity: (n, D) the same for demonstrations outside the set.
+
+    Returns:
+        (n, K, B) log likelihoods.
+
+    Raises:
+        ArgumentError: an argument is out of range.
+        BandwidthError: the model's bandwidth cannot be selected.
+    """
+    choice = ChoiceSet.of(model, alternatives, thetas, betas, similarity)
+    rows = _rows(demonstrations, len(choice.features))
+    if rows is not None:
+        if demonstration_similarity is not None:
+            raise ArgumentError("demonstration_similarity is given with rows of the set; leave it out.")
+        flat = _log_likelihood_of_rows(choice, rows)
+    else:
+        features = matrix("demonstrations", demonstrations, columns=choice.features.shape[1])
+        flat = _log_likelihood_outside(choice, features, _outside(choice, features, demonstration_similarity))
+    return flat.reshape(len(flat), len(choice.thetas), len(choice.betas))
+
+
+@dataclass(frozen=True)
+class ChoiceSet:
+    """Alternatives, their weights under a model, and the hypotheses, all checked.
+
+    Attributes:
+        features: (N, F).
+        weights: of the alternatives, from what the model compares.
+        thetas: (K, F).
+        betas: (B,).
+        similarity: (N, D) as given, or None.
+    """
+
+    features: FloatArray
+    weights: WeightedSet
+    thetas: FloatArray
+    betas: FloatArray
+    similarity: Any
+
+    @classmethod
+    def of(
+        cls, model: ChoiceModel, alternatives: ArrayLike, thetas: ArrayLike, betas: ArrayLike, similarity: Any
+    ) -> ChoiceSet:
+        """Check the arguments by name and weigh the alternatives."""
+        features = matrix("alternatives", alternatives)
+        theta = matrix("thetas", thetas, columns=features.shape[1])
+        beta = inverse_temperatures(betas)
+        with np.errstate(over="ignore"):
+            largest = beta.max() * np.abs(theta).sum(axis=1).max() * np.abs(features).max()
+        if not largest < np.finfo(np.float64).max / 4:
+            raise ArgumentError("betas, thetas and alternatives multiply beyond the largest double; scale them down.")
+        compared = features if similarity is None else _compared("similarity", similarity, len(features))
+        return cls(features, model.weigh(compared), theta, beta, similarity)
+
+    def utilities(self, features: FloatArray) -> FloatArray:
+        """(K B, M) beta theta . (phi - phi_0), a constant phi_0 for all: rewards of nearby features keep their digits.
+
+        phi_0 is the smallest of each feature over the alternatives: it does not depend on their order.
+        """
+        shifted = features - self.features.min(axis=0)
+        # einsum and not BLAS, whose sums depend on the number of threads.
+        rewards = np.einsum("kf,mf->km", self.thetas, shifted)
+        return np.asarray((rewards[:, None, :] * self.betas[:, None]).reshape(-1, len(features)))
+
+    def blocks(self) -> Iterator[slice]:
+        """Slices of alternatives whose utilities fit into one block."""
+        step = max(_BLOCK // (len(self.thetas) * len(self.betas)), 1)
+        for start in range(0, len(self.features), step):
+            yield slice(start, start + step)
+
+    def log_normaliser(self) -> FloatArray:
+        """(K B,) logsumexp over the alternatives, without any demonstration."""
+        merged = np.full(len(self.thetas) * len(self.betas), -np.inf)
+        for block in self.blocks():
+            terms = self.utilities(self.features[block]) + self.weights.log_w[block]
+            merged = np.logaddexp(merged, log_sum_exp(terms, axis=1))
+        return merged
+
+
+def _log_likelihood_of_rows(choice: ChoiceSet, rows: NDArray[np.intp]) -> FloatArray:
+    chosen = choice.utilities(choice.features[rows]) + choice.weights.log_w[rows]
+    return np.asarray((chosen - choice.log_normaliser()[:, None]).T)
+
+
+def _log_likelihood_outside(choice: ChoiceSet, features: FloatArray, compared: Any) -> FloatArray:
+    """(n, K B), demonstrations in groups whose joined weights fit into one block."""
+    utilities = choice.utilities(features).T
+    log_likelihoods = np.empty_like(utilities)
+    step = max(_BLOCK // len(choice.features), 1)
+    for start in range(0, len(features), step):
+        group = range(start, min(start + step, len(features)))
+        joined = [choice.weights.joined(compared[[index]]) for index in group]
+        chosen = utilities[group] + np.array([own for _, own in joined])[:, None]
+        others = _log_normaliser_joined(choice, np.array([log_w for log_w, _ in joined]))
+        log_likelihoods[group] = chosen - np.logaddexp(others, chosen)
+    return log_likelihoods
+
+
+def _log_normaliser_joined(choice: ChoiceSet, log_w: FloatArray) -> FloatArray:
+    """(n, K B) logsumexp over the alternatives with the weights (n, N) of each joined set.
+
+    One exponential per alternative and hypothesis serves all demonstrations: joining changes a weight by a bounded
+    ratio, so the terms that are largest under the set's own weights stay far from underflow.
+    """
+    merged = np.full((len(log_w), len(choice.thetas) * len(choice.betas)), -np.inf)
+    for block in choice.blocks():
+        terms = choice.utilities(choice.features[block]) + choice.weights.log_w[block]
+        peak = terms.max(axis=1, keepdims=True)
+        ratios = np.exp(log_w[:, block] - choice.weights.log_w[block])
+        sums = np.einsum("hj,nj->nh", np.exp(terms - peak), ratios)
+        merged = np.logaddexp(merged, np.log(sums) + peak[:, 0])
+    return merged
+
+
+def _rows(demonstrations: ArrayLike, count: int) -> NDArray[np.intp] | None:
+    """The demonstrations as rows of the set, if that is what they are."""
+    array = np.asarray(demonstrations)
+    if array.ndim != 1 or array.dtype.kind not in "iu":
+        return None
+    if array.size == 0 or array.min() < 0 or array.max() >= count:
+        raise ArgumentError(
+            f"demonstrations holds rows {array.tolist()[:5]}; one or more rows between 0 and {count - 1} are needed."
+        )
+    return array.astype(np.intp)
+
+
+def _outside(choice: ChoiceSet, features: FloatArray, similarity: Any) -> Any:
+    """What the model compares of demonstrations outside the set."""
+    if (similarity is None) != (choice.similarity is None):
+        raise ArgumentError(
+            "similarity and demonstration_similarity go together for demonstrations outside the set; "
+            "give both or neither."
+        )
+    return features if similarity is None else _compared("demonstration_similarity", similarity, len(features))
+
+
+def _compared(name: str, similarity: Any, count: int) -> Any:
+    """`similarity` as an array that can be indexed by rows, dense or sparse, one row per trajectory."""
+    array = similarity.tocsr() if hasattr(similarity, "tocsr") else np.asarray(similarity)
+    if array.ndim != 2 or array.shape[0] != count:
+        raise ArgumentError(f"{name} has shape {array.shape}; two axes with {count} rows are needed.")
+    return array

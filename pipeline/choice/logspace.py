@@ -1,0 +1,27 @@
+"""The stable primitives of log space."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pipeline.choice.checks import FloatArray
+
+
+def log_sum_exp(values: FloatArray, axis: int | tuple[int, ...] | None = None) -> FloatArray:
+    """log sum exp(values) along `axis`; -inf where every term is -inf, and never an overflow."""
+    peak = np.max(values, axis=axis, keepdims=True)
+    # exp(-inf - -inf) would be NaN.
+    shift = np.where(np.isfinite(peak), peak, 0.0)
+    total = np.sum(np.exp(values - shift), axis=axis, keepdims=True)
+    return np.asarray(np.squeeze(log(total) + shift, axis=axis))
+
+
+def log(values: FloatArray) -> FloatArray:
+    """log(values) with log(0) = -inf, which is meant wherever this is called."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(values))
+
+
+def normalised(log_values: FloatArray) -> FloatArray:
+    """`log_values` shifted so that their exponentials sum to one over all axes."""
+    return np.asarray(log_values - log_sum_exp(log_values))

@@ -1,0 +1,208 @@
+"""How people choose: one softmax, and a log weight per alternative that differs between the models.
+
+log p(i | theta, beta) = beta theta . phi_i + log_w_i - logsumexp_j (beta theta . phi_j + log_w_j)
+
+A model sees a choice set through what it *compares*, one row per alternative: the features unless the caller
+gives something else (waypoints for similarity in trajectory space, the link incidence matrix for paths).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from pipeline.choice.bandwidth import METHODS, select_bandwidth
+from pipeline.choice.checks import FloatArray, matrix, positive, read_only
+from pipeline.choice.density import log_density
+from pipeline.choice.links import check_incidence, check_lengths, log_path_sizes
+from pipeline.choice.ties import distinct_rows
+from pipeline.errors import ArgumentError, one_of
+
+
+@dataclass(frozen=True)
+class WeightedSet:
+    """The log weights of one choice set under one model.
+
+    Attributes:
+        log_w: (N,) log weights of the alternatives.
+        joined: given the compared row (1, D) of a trajectory outside the set, the log weights of the set joined by
+            it: (N,) of the alternatives and that of the trajectory. All else, a bandwidth say, stays that of
+            the alternatives alone.
+    """
+
+    log_w: FloatArray
+    joined: Callable[[Any], tuple[FloatArray, float]]
+
+
+class ChoiceModel(Protocol):
+    """A model of choice: a name and the weights it gives a set."""
+
+    @property
+    def name(self) -> str:
+        """The model's name in tables."""
+
+    def weigh(self, compared: Any) -> WeightedSet:
+        """The weights of a set of N alternatives from what the model compares, (N, D)."""
+
+
+class _Model:
+    """What all models share: log weights straight from features."""
+
+    def weigh(self, compared: Any) -> WeightedSet:
+        raise NotImplementedError
+
+    def log_weights(self, features: ArrayLike, similarity: Any = None) -> FloatArray:
+        """Log weight of each alternative.
+
+        Args:
+            features: (N, F) scaled features of the choice set.
+            similarity: (N, D) what the model compares instead of the features, e.g. waypoints.
+
+        Returns:
+            (N,) log weights, defined up to a common constant.
+
+        Raises:
+            ArgumentError: an array has the wrong shape or content.
+            BandwidthError: a bandwidth is asked for that cannot be selected.
+        """
+        return self.weigh(features if similarity is None else similarity).log_w
+
+
+@dataclass(frozen=True)
+class Boltzmann(_Model):
+    """Luce-Shepard choice: log_w_i = 0 (paper, the Boltzmann model).
+
+    >>> Boltzmann().log_weights([[0.0], [1.0]])
+    array([0., 0.])
+    """
+
+    name: ClassVar[str] = "boltzmann"
+
+    def weigh(self, compared: Any) -> WeightedSet:
+        """All weights are one, with or without a joining trajectory."""
+        log_w = read_only(np.zeros(compared.shape[0] if hasattr(compared, "shape") else len(compared)))
+        if len(log_w) == 0:
+            matrix("features", compared)
+        return WeightedSet(log_w, lambda row: (log_w, 0.0))
+
+
+@dataclass(frozen=True)
+class AttributeRule(_Model):
+    """Identical alternatives share one weight: log_w_i = -log(number of rows identical to row i).
+
+    >>> AttributeRule().log_weights([[0.0], [0.0], [1.0]]).round(6)
+    array([-0.693147, -0.693147,  0.      ])
+
+    Source: paper, the attribute rule for trajectories with identical features.
+    """
+
+    name: ClassVar[str] = "attribute-rule"
+
+    def weigh(self, compared: Any) -> WeightedSet:
+        """Weights from the rows that are identical number for number."""
+        rows = matrix("features", compared)
+        groups = distinct_rows(rows)
+        log_w = read_only(0.0 - np.log(groups.counts[groups.index]))
+        return WeightedSet(log_w, partial(_attribute_rule_joined, rows, log_w))
+
+
+@dataclass(frozen=True)
+class LESS(_Model):
+    """Choice that divides by how crowded an alternative's surroundings are.
+
+    log_w_i = -log sum_j exp(-|phi_i - phi_j|^2 / (2 sigma^2)), over the whole set, i included.
+
+    >>> LESS(bandwidth=0.1).log_weights([[0.0], [0.0], [9.0]]).round(6)
+    array([-0.693147, -0.693147,  0.      ])
+
+    Attributes:
+        bandwidth: sigma, or how to select it from the alternatives: `leave-one-out`, `k-fold`, `literal`.
+
+    Raises:
+        ArgumentError: `bandwidth` is neither.
+
+    Source: paper, the LESS model and "Similarity as Density".
+    """
+
+    bandwidth: str | float = "leave-one-out"
+    name: ClassVar[str] = "less"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.bandwidth, str):
+            positive("bandwidth", self.bandwidth)
+        elif self.bandwidth not in METHODS:
+            raise ArgumentError(
+                f"bandwidth is {self.bandwidth!r}; it is a positive number or one of {one_of(METHODS)}."
+            )
+
+    def weigh(self, compared: Any) -> WeightedSet:
+        """Weights from the kernel sums, with the bandwidth selected once, from these rows."""
+        rows = matrix("features", compared)
+        sigma = select_bandwidth(rows, self.bandwidth).value
+        log_w = read_only(0.0 - log_density(rows, sigma))
+        return WeightedSet(log_w, partial(_less_joined, rows, sigma, log_w))
+
+
+@dataclass(frozen=True, eq=False)
+class PathSize(_Model):
+    """Paths that share links share weight: log_w_i = log PS_i.
+
+    PS_i = sum over the links a of path i of (l_a / L_i) / (number of paths of the set that use link a).
+    It compares rows of a link incidence matrix: (N, E) of zeros and ones, sparse or dense.
+
+    >>> PathSize().log_weights([[1, 1, 0], [1, 0, 1]]).round(6)  # each: half its length is shared by two
+    array([-0.287682, -0.287682])
+
+    Attributes:
+        lengths: (E,) positive link lengths l_a; all one if not given.
+
+    Raises:
+        ArgumentError: a length is not positive and finite.
+
+    Source: Ben-Akiva and Bierlaire (1999), Discrete choice methods and their applications to short term travel
+    decisions, the path-size logit.
+    """
+
+    lengths: FloatArray | None = None
+    name: ClassVar[str] = "path-size"
+
+    def __post_init__(self) -> None:
+        if self.lengths is not None:
+            object.__setattr__(self, "lengths", read_only(check_lengths(self.lengths)))
+
+    def weigh(self, compared: Any) -> WeightedSet:
+        """Weights from the incidence matrix of the paths' links."""
+        incidence = check_incidence(compared, None if self.lengths is None else len(self.lengths))
+        lengths = np.ones(incidence.shape[1]) if self.lengths is None else self.lengths
+        users = np.asarray(incidence.sum(axis=0), dtype=np.float64)
+        log_w = read_only(log_path_sizes(incidence, lengths, users))
+        return WeightedSet(log_w, partial(_path_size_joined, incidence, lengths, users))
+
+
+def _attribute_rule_joined(rows: FloatArray, log_w: FloatArray, row: Any) -> tuple[FloatArray, float]:
+    identical = np.all(rows == matrix("demonstrations", row, columns=rows.shape[1]), axis=1)
+    return -np.log(np.exp(-log_w) + identical), -math.log1p(int(identical.sum()))
+
+
+def _less_joined(rows: FloatArray, sigma: float, log_w: FloatArray, row: Any) -> tuple[FloatArray, float]:
+    """The trajectory adds its own kernel mass to every row, and to itself s(0) = 1."""
+    point = matrix("demonstrations", row, columns=rows.shape[1])
+    log_kernel = log_density(point, sigma, at=rows)
+    own = np.logaddexp(0.0, log_density(rows, sigma, at=point)[0])
+    return -np.logaddexp(-log_w, log_kernel), -float(own)
+
+
+def _path_size_joined(
+    incidence: sparse.csr_array, lengths: FloatArray, users: FloatArray, row: Any
+) -> tuple[FloatArray, float]:
+    path = check_incidence(row, incidence.shape[1])
+    joined_users = users + path.sum(axis=0)
+    alone = log_path_sizes(path, lengths, joined_users)
+    return log_path_sizes(incidence, lengths, joined_users), float(alone[0])
