@@ -1,1 +1,19 @@
-"""replay"""
+"""MuJoCo: scenes and name lookup, batched kinematic replay, the features of a trajectory."""
+
+from pipeline.replay.features import FeatureSet, bind_features, feature
+from pipeline.replay.replay import Motion, body_positions, clear_of, replay
+from pipeline.replay.scene import Scene, load_scene, model_hash, scene_files
+
+__all__ = [
+    "FeatureSet",
+    "Motion",
+    "Scene",
+    "bind_features",
+    "body_positions",
+    "clear_of",
+    "feature",
+    "load_scene",
+    "model_hash",
+    "replay",
+    "scene_files",
+]

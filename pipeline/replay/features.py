@@ -1,0 +1,217 @@
+"""The kinds of features a task can name, and their evaluation over many trajectories in one replay.
+
+A kind is a function from a Motion to one number per trajectory, with a unit; its keyword arguments are what params.yaml
+gives beside `kind`. Registering one is all it takes:
+
+    @feature("clearance", unit="m")
+    def clearance(motion: Motion, *, over: str) -> Array:
+        return (motion.end_effector - motion.position(over))[..., 2].min(axis=1)
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ArgumentError, ParameterError, SceneError, StageError, one_of
+from pipeline.replay.replay import Motion, replay
+from pipeline.replay.scene import Scene
+from pipeline.trajectories import measures
+
+Array = NDArray[np.float64]
+Evaluate = Callable[..., Array]
+Unit = str | Callable[[Scene], str]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A registered kind of feature: its function and its unit, which may depend on the scene's joints."""
+
+    name: str
+    unit: Unit
+    evaluate: Evaluate
+
+
+KINDS: dict[str, Kind] = {}
+
+
+def feature(name: str, *, unit: Unit) -> Callable[[Evaluate], Evaluate]:
+    """Register a kind of feature.
+
+    Args:
+        name: what params.yaml calls it under `kind`.
+        unit: of the numbers returned; a function of the scene where it depends on the joints.
+
+    Raises:
+        ArgumentError: the name is taken.
+    """
+
+    def register(function: Evaluate) -> Evaluate:
+        if name in KINDS:
+            raise ArgumentError(f"feature kind {name!r} is registered already; taken are {one_of(KINDS)}.")
+        KINDS[name] = Kind(name, unit, function)
+        return function
+
+    return register
+
+
+def _squared_joint_unit(scene: Scene) -> str:
+    units = {"m^2" if slides else "rad^2" for slides in scene.slides}
+    return " + ".join(sorted(units))
+
+
+@feature("efficiency", unit=_squared_joint_unit)
+def efficiency(motion: Motion) -> Array:
+    """Squared joint steps, summed: small for short and even paths."""
+    return measures.squared_steps(motion.waypoints)
+
+
+@feature("height", unit="m")
+def height(motion: Motion, *, above: str = "world") -> Array:
+    """Height of the end effector over the origin of a body or site, summed over waypoints."""
+    return measures.summed_height(motion.end_effector[..., 2] - motion.position(above)[..., 2])
+
+
+@feature("proximity", unit="m")
+def proximity(motion: Motion, *, object: str, radius_m: float = 0.4) -> Array:
+    """How far the end effector is inside a vertical cylinder around a body or site, summed over waypoints."""
+    return measures.summed_closeness(motion.end_effector, motion.position(object), radius_m)
+
+
+@feature("path_length", unit="m")
+def path_length(motion: Motion) -> Array:
+    """Distance the end effector travels."""
+    return measures.path_lengths(motion.end_effector)
+
+
+@feature("tilt", unit="rad")
+def tilt(motion: Motion, *, body: str) -> Array:
+    """Angle between a body's z axis and the vertical, summed over waypoints: 0 for a mug that stays upright."""
+    w, x, y, z = np.moveaxis(motion.quaternion(body), -1, 0)
+    axis = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=-1)
+    return measures.summed_tilt(axis)
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureSet:
+    """The features of a task, bound to its scene.
+
+    Attributes:
+        scene: what they are evaluated in.
+        names: F names, the columns of a feature table.
+        units: F units, such as "m".
+    """
+
+    scene: Scene
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    _functions: tuple[Callable[[Motion], Array], ...]
+
+    def evaluate(self, waypoints: Array) -> Array:
+        """All features of all trajectories, in one replay.
+
+        Args:
+            waypoints: (N, T, J) rad or m, the joints in the order of `scene.joints`, continuous joints unwrapped.
+
+        Returns:
+            (N, F) in `units`.
+
+        Raises:
+            ArgumentError: see `pipeline.replay.replay`.
+            StageError: a feature is not one finite number per trajectory.
+        """
+        values = np.empty((len(waypoints), len(self.names)))
+        for motion in replay(self.scene, waypoints):
+            rows = slice(motion.first, motion.first + len(motion.waypoints))
+            for column, function in enumerate(self._functions):
+                values[rows, column] = self._checked(self.names[column], function(motion), motion)
+        return values
+
+    def _checked(self, name: str, result: Array, motion: Motion) -> Array:
+        result = np.asarray(result)
+        if result.shape != (len(motion.waypoints),):
+            raise StageError(
+                f"feature {name!r} returned shape {result.shape}; it must return one number for each of the "
+                f"{len(motion.waypoints)} trajectories."
+            )
+        wrong = np.flatnonzero(~np.isfinite(result))
+        if wrong.size:
+            raise StageError(
+                f"feature {name!r} is {result[wrong[0]]} for trajectory {motion.first + wrong[0]}; "
+                f"every feature must be finite."
+            )
+        return result
+
+
+def bind_features(scene: Scene, specs: Mapping[str, Mapping[str, object]]) -> FeatureSet:
+    """Check the features that a task names against their kinds and the scene, once.
+
+    Args:
+        scene: from `load_scene`.
+        specs: name -> {"kind": one of KINDS, and the kind's keyword arguments}; at least one.
+
+    Raises:
+        ParameterError: no feature, an unknown kind, an argument that is unknown, missing, of another type or out of
+            range; the message gives its path and what is allowed.
+        SceneError: an argument names a body or site that the scene lacks.
+    """
+    if not specs:
+        raise ParameterError("features is empty; name at least one.")
+    bound = [_bind(name, specs[name]) for name in specs]
+    units = [kind.unit if isinstance(kind.unit, str) else kind.unit(scene) for kind, _ in bound]
+    features = FeatureSet(scene, tuple(specs), tuple(units), tuple(function for _, function in bound))
+    _try_out(features)
+    return features
+
+
+def _bind(name: str, spec: Mapping[str, object]) -> tuple[Kind, Callable[[Motion], Array]]:
+    path = f"features.{name}"
+    arguments = dict(spec)
+    kind = KINDS.get(str(arguments.pop("kind", None)))
+    if kind is None:
+        raise ParameterError(f"{path}.kind is {spec.get('kind')!r}; allowed are {one_of(KINDS)}.")
+    allowed = {
+        parameter.name: parameter
+        for parameter in inspect.signature(kind.evaluate).parameters.values()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+    }
+    for argument in arguments:
+        if argument not in allowed:
+            raise ParameterError(
+                f"{path}.{argument} is unknown to {kind.name}; allowed are {one_of(allowed) or '(none)'}."
+            )
+    types = get_type_hints(kind.evaluate)
+    for argument, parameter in allowed.items():
+        if argument in arguments:
+            arguments[argument] = _typed(f"{path}.{argument}", arguments[argument], types.get(argument, Any))
+        elif parameter.default is inspect.Parameter.empty:
+            raise ParameterError(f"{path}.{argument} is missing; {kind.name} needs it.")
+    return kind, partial(kind.evaluate, **arguments)
+
+
+def _typed(path: str, value: object, wanted: Any) -> object:
+    """The value, an int widened to float where a float is wanted; bool is not a number here."""
+    if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if wanted is not Any and type(value) is not wanted:
+        raise ParameterError(f"{path} is {value!r}; it must be of type {wanted.__name__}.")
+    return value
+
+
+def _try_out(features: FeatureSet) -> None:
+    """Evaluate each feature at rest: unknown names and values out of range show before any work is done."""
+    rest = np.tile(features.scene.home[features.scene.qpos_addresses], (1, 2, 1))
+    (motion,) = replay(features.scene, rest)
+    for name, function in zip(features.names, features._functions, strict=True):
+        try:
+            features._checked(name, function(motion), motion)
+        except ArgumentError as error:
+            raise ParameterError(f"features.{name}: {error}") from error
+        except SceneError as error:
+            raise SceneError(f"features.{name}: {error}") from error
