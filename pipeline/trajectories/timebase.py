@@ -79,7 +79,7 @@ def trim_idle(time_s: ArrayLike, q: ArrayLike, threshold_rad: float = 0.01) -> s
         raise ArgumentError(f"threshold_rad must be 0 or more, got {threshold_rad}.")
     left = np.flatnonzero(np.abs(poses - poses[0]).max(axis=1) > threshold_rad)
     coming = np.flatnonzero(np.abs(poses - poses[-1]).max(axis=1) > threshold_rad)
-    # a move between one and two thresholds may leave one ball only after it has entered the other
+    # where the poses at rest before and after overlap, nothing is left in between
     if not len(left) or not len(coming) or left[0] > coming[-1] + 1:
         raise RecordingError(
             "does-not-move",

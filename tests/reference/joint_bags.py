@@ -1,4 +1,4 @@
-"""Slow, obvious bags of joint states: payloads packed value by value, files by the official writer, values by its decoder."""
+"""Slow, obvious bags of joint states: packed value by value, written and decoded by the official libraries."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def write_bag(
     compression: CompressionType = CompressionType.ZSTD,
     **options: object,
 ) -> Path:
-    """Write `(topic, log_time_ns, payload)` messages with the official writer; topics starting with /other get no schema."""
+    """Write `(topic, log_time_ns, payload)` messages; topics starting with /other get no schema."""
     with path.open("wb") as stream:
         writer = Writer(stream, compression=compression, **options)
         writer.start("ros2", "test")

@@ -88,7 +88,7 @@ def test_the_branch_starts_within_half_a_turn_of_the_reference(q: np.ndarray, re
 def test_the_branch_of_the_reference_is_kept() -> None:
     q = np.array([[0.5, 6.0, -3.0], [0.6, 6.1, -2.0]])
     np.testing.assert_array_equal(to_branch(q, [0.0, 0.0, 0.0], FREE), q)
-    np.testing.assert_allclose(to_branch(q, [7.0, 0.0, -15.0], FREE), q + [TURN, 0, -2 * TURN], atol=1e-14)
+    np.testing.assert_allclose(to_branch(q, [7.0, 0.0, -15.0], FREE), q + np.array([TURN, 0, -2 * TURN]), atol=1e-14)
 
 
 # trim
@@ -142,7 +142,7 @@ def test_trimming_keeps_a_piece_that_reaches_from_rest_to_rest_or_refuses(q: np.
     try:
         moving = trim_idle(np.arange(len(q)), q)
     except RecordingError:
-        assert np.abs(q - q[0]).max() <= 0.02 + 1e-12  # twice the threshold
+        assert np.abs(q - q[0]).max() <= 0.03 + 1e-12  # two overlapping balls of rest, 0.01 around each end
         return
     assert 0 <= moving.start < moving.stop - 1 < len(q)
     assert np.abs(q[: moving.start + 1] - q[0]).max() <= 0.01
