@@ -10,14 +10,14 @@ from pipeline.choice.hypotheses import theta_grid
 from pipeline.choice.inference import Posterior, infer, infer_sequential, posterior_from, predict
 from pipeline.choice.likelihood import log_likelihood, log_probabilities
 from pipeline.choice.metrics import angle_to, entropy, kl_aggregate, true_match, true_posterior
-from pipeline.choice.models import LESS, AttributeRule, Boltzmann, ChoiceModel, PathSize, WeightedSet
+from pipeline.choice.models import LESS, AttributeRule, Boltzmann, Model, PathSize, WeightedSet
 
 __all__ = [
     "AttributeRule",
     "Bandwidth",
     "BandwidthWarning",
     "Boltzmann",
-    "ChoiceModel",
+    "Model",
     "HeldOutScore",
     "LESS",
     "PathSize",

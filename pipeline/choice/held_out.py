@@ -13,7 +13,7 @@ from pipeline.choice.checks import FloatArray, read_only
 from pipeline.choice.inference import checked_prior
 from pipeline.choice.likelihood import log_likelihood
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.models import ChoiceModel
+from pipeline.choice.models import Model
 from pipeline.errors import ArgumentError
 
 
@@ -47,7 +47,7 @@ class HeldOutScore:
 
 
 def held_out_score(
-    model: ChoiceModel,
+    model: Model,
     demonstrations: ArrayLike,
     alternatives: ArrayLike,
     thetas: ArrayLike,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pipeline.choice.checks import FloatArray, inverse_temperatures, matrix, read_only
 from pipeline.choice.likelihood import ChoiceSet, log_likelihood
 from pipeline.choice.logspace import log_sum_exp, normalised
-from pipeline.choice.models import ChoiceModel
+from pipeline.choice.models import Model
 from pipeline.errors import ArgumentError
 
 
@@ -55,7 +55,7 @@ class Posterior:
 
 
 def infer(
-    model: ChoiceModel,
+    model: Model,
     demonstrations: ArrayLike,
     alternatives: ArrayLike,
     thetas: ArrayLike,
@@ -101,7 +101,7 @@ def infer(
 
 
 def infer_sequential(
-    model: ChoiceModel,
+    model: Model,
     demonstrations: ArrayLike,
     alternatives: ArrayLike,
     thetas: ArrayLike,
@@ -129,7 +129,8 @@ def posterior_from(
     """The posterior from log likelihoods that are at hand, of one demonstration or of several together.
 
     Args:
-        log_likelihoods: (n, K, B) from `log_likelihood`, any subset of its first axis; none gives the prior.
+        log_likelihoods: (n, K, B) from `log_likelihood`, any subset of its first axis (none gives the prior), or
+            their sum (K, B).
         thetas: (K, F) reward weights.
         betas: (B,) inverse temperatures.
         log_prior: (K, B), or (K,) for all betas alike; uniform if not given.
@@ -143,17 +144,18 @@ def posterior_from(
     theta, beta = matrix("thetas", thetas), inverse_temperatures(betas)
     shape = (len(theta), len(beta))
     likelihoods = np.asarray(log_likelihoods, dtype=np.float64)
-    if likelihoods.ndim != 3 or likelihoods.shape[1:] != shape or np.isnan(likelihoods).any():
+    if likelihoods.ndim not in (2, 3) or likelihoods.shape[-2:] != shape or np.isnan(likelihoods).any():
         raise ArgumentError(
-            f"log_likelihoods has shape {likelihoods.shape}; (n, {shape[0]}, {shape[1]}) without NaN is needed."
+            f"log_likelihoods has shape {likelihoods.shape}; (n, {shape[0]}, {shape[1]}) or their sum "
+            f"{shape} without NaN is needed."
         )
-    log_joint = checked_prior(log_prior, shape) + likelihoods.sum(axis=0)
+    log_joint = checked_prior(log_prior, shape) + likelihoods.reshape(-1, *shape).sum(axis=0)
     if not np.max(log_joint) > -np.inf:
         raise ArgumentError("log_prior excludes every hypothesis under which the demonstrations are possible.")
     return Posterior(theta, beta, normalised(log_joint))
 
 
-def predict(posterior: Posterior, model: ChoiceModel, alternatives: ArrayLike, similarity: Any = None) -> FloatArray:
+def predict(posterior: Posterior, model: Model, alternatives: ArrayLike, similarity: Any = None) -> FloatArray:
     """Probability that each alternative is chosen, all hypotheses considered.
 
     p(i) = sum_{theta, beta} b(theta, beta) p(i | theta, beta)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.choice.checks import FloatArray, inverse_temperatures, matrix
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.models import ChoiceModel, WeightedSet
+from pipeline.choice.models import Model, WeightedSet
 from pipeline.errors import ArgumentError
 
 # Utilities in one block: 16 MB.
@@ -19,7 +19,7 @@ _BLOCK = 2_000_000
 
 
 def log_probabilities(
-    model: ChoiceModel, alternatives: ArrayLike, theta: ArrayLike, beta: float = 1.0, similarity: Any = None
+    model: Model, alternatives: ArrayLike, theta: ArrayLike, beta: float = 1.0, similarity: Any = None
 ) -> FloatArray:
     """Log choice probability of each alternative under one hypothesis.
 
@@ -49,7 +49,7 @@ def log_probabilities(
 
 
 def log_likelihood(
-    model: ChoiceModel,
+    model: Model,
     demonstrations: ArrayLike,
     alternatives: ArrayLike,
     thetas: ArrayLike,
@@ -110,7 +110,7 @@ class ChoiceSet:
 
     @classmethod
     def of(
-        cls, model: ChoiceModel, alternatives: ArrayLike, thetas: ArrayLike, betas: ArrayLike, similarity: Any
+        cls, model: Model, alternatives: ArrayLike, thetas: ArrayLike, betas: ArrayLike, similarity: Any
     ) -> ChoiceSet:
         """Check the arguments by name and weigh the alternatives."""
         features = matrix("alternatives", alternatives)

@@ -41,7 +41,7 @@ class WeightedSet:
     joined: Callable[[Any], tuple[FloatArray, float]]
 
 
-class ChoiceModel(Protocol):
+class Model(Protocol):
     """A model of choice: a name and the weights it gives a set."""
 
     @property
@@ -52,7 +52,7 @@ class ChoiceModel(Protocol):
         """The weights of a set of N alternatives from what the model compares, (N, D)."""
 
 
-class _Model:
+class _Weighing:
     """What all models share: log weights straight from features."""
 
     def weigh(self, compared: Any) -> WeightedSet:
@@ -76,7 +76,7 @@ class _Model:
 
 
 @dataclass(frozen=True)
-class Boltzmann(_Model):
+class Boltzmann(_Weighing):
     """Luce-Shepard choice: log_w_i = 0 (paper, the Boltzmann model).
 
     >>> Boltzmann().log_weights([[0.0], [1.0]])
@@ -94,7 +94,7 @@ class Boltzmann(_Model):
 
 
 @dataclass(frozen=True)
-class AttributeRule(_Model):
+class AttributeRule(_Weighing):
     """Identical alternatives share one weight: log_w_i = -log(number of rows identical to row i).
 
     >>> AttributeRule().log_weights([[0.0], [0.0], [1.0]]).round(6)
@@ -114,7 +114,7 @@ class AttributeRule(_Model):
 
 
 @dataclass(frozen=True)
-class LESS(_Model):
+class LESS(_Weighing):
     """Choice that divides by how crowded an alternative's surroundings are.
 
     log_w_i = -log sum_j exp(-|phi_i - phi_j|^2 / (2 sigma^2)), over the whole set, i included.
@@ -151,7 +151,7 @@ class LESS(_Model):
 
 
 @dataclass(frozen=True, eq=False)
-class PathSize(_Model):
+class PathSize(_Weighing):
     """Paths that share links share weight: log_w_i = log PS_i.
 
     PS_i = sum over the links a of path i of (l_a / L_i) / (number of paths of the set that use link a).
