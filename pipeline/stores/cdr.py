@@ -119,7 +119,7 @@ def _layout(payload: bytes) -> _Layout:
     if positions not in (0, len(names)):
         raise rejection("corrupt", f"A JointState message has {len(names)} names for {positions} positions.")
     if len(set(names)) < len(names):
-        raise rejection("corrupt", f"A JointState message names a joint twice: {', '.join(names)}.")
+        raise rejection("corrupt", f"A JointState message names a joint twice among {names[:8]}.")
     return _Layout(order, names, tuple(arrays))
 
 

@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 Clock = Literal["header", "log"]
+_LISTED = 32  # names in a message
 
 
 @dataclass(frozen=True)
@@ -202,7 +203,12 @@ def _joint_recording(path: Path, contents: Contents, topic: str | None, joints: 
 
 def _listing(contents: Contents) -> str:
     channels = sorted({(c.topic, c.schema or "no schema", c.encoding) for c in contents.channels.values()})
-    return ", ".join(f"{topic} ({schema}, {encoding})" for topic, schema, encoding in channels) or "no topics"
+    return _some([f"{topic} ({schema}, {encoding})" for topic, schema, encoding in channels]) or "no topics"
+
+
+def _some(names: Sequence[str]) -> str:
+    more = len(names) - _LISTED
+    return ", ".join([*names[:_LISTED], *([f"and {more} more"] if more > 0 else [])])
 
 
 def _choose_topic(by_topic: dict[str, list[LoggedBlock]], joints: Sequence[str] | None) -> str:
@@ -212,9 +218,9 @@ def _choose_topic(by_topic: dict[str, list[LoggedBlock]], joints: Sequence[str] 
         return fitting[0]
     if fitting:
         fit = "hold all joints" if joints else "hold joint states"
-        raise rejection("ambiguous-topic", f"The topics {', '.join(fitting)} {fit}; name the one to use.")
-    found = "; ".join(f"{topic}: {', '.join(names[topic]) or 'none'}" for topic in sorted(names))
-    raise rejection("joints-missing", f"No topic has all of {', '.join(joints or ())}; recorded are {found}.")
+        raise rejection("ambiguous-topic", f"The topics {_some(fitting)} {fit}; name the one to use.")
+    found = "; ".join(f"{topic}: {_some(names[topic]) or 'none'}" for topic in sorted(names)[:_LISTED])
+    raise rejection("joints-missing", f"No topic has all of {_some(joints or ())}; recorded are {found}.")
 
 
 def _poses(
@@ -226,7 +232,7 @@ def _poses(
         if missing:
             raise rejection(
                 "joints-missing",
-                f"A message on {topic} lacks {', '.join(missing)}; it has {', '.join(block.states.names)}.",
+                f"A message on {topic} lacks {_some(missing)}; it has {_some(block.states.names)}.",
             )
     if sum(len(block.log_ns) for block in used) < 2:
         raise _too_few(topic, sum(len(block.log_ns) for block in used), names)
@@ -263,4 +269,4 @@ def _columns(block: LoggedBlock, names: tuple[str, ...]) -> NDArray[np.float64]:
 
 
 def _too_few(topic: str, count: int, names: tuple[str, ...]) -> RecordingError:
-    return rejection("too-few-messages", f"Topic {topic} has {count} pose of {', '.join(names)}; 2 or more are needed.")
+    return rejection("too-few-messages", f"Topic {topic} has {count} pose of {_some(names)}; 2 or more are needed.")

@@ -180,6 +180,11 @@ def test_the_topic_with_all_joints_is_found(tmp_path: Path) -> None:
     assert (error.reason, "/arm (sensor_msgs/msg/JointState, cdr)" in error.detail) == ("no-joint-states", True)
 
 
+def test_long_lists_of_names_are_cut_short(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "a.mcap", states(poses(2, 200), [f"joint_{i}" for i in range(200)]))
+    assert rejected(path, joints=["a"]).detail.endswith("joint_31, and 168 more.")
+
+
 def test_two_topics_with_all_joints_are_ambiguous(tmp_path: Path) -> None:
     q = poses(3)
     path = write_bag(tmp_path / "a.mcap", states(q, ["a", "b", "c"], "/left") + states(q, ["c", "b", "a"], "/right"))
