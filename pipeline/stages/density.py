@@ -7,7 +7,7 @@ import polars as pl
 
 from pipeline.choice import log_density, select_bandwidth
 from pipeline.choice.scaling import feature_scale
-from pipeline.replay import bind_features
+from pipeline.replay.features import bind_features
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene

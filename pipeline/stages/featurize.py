@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from pipeline.replay import bind_features
+from pipeline.replay.features import bind_features
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.errors import RecordingError, StageError
-from pipeline.replay import Scene
+from pipeline.replay.scene import Scene
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import io
-from pathlib import Path
 
 from pipeline import params
 from pipeline.errors import ParameterError, SceneError
-from pipeline.replay import Scene, load_scene
+from pipeline.replay.scene import Scene, load_scene
 from pipeline.stages.project import Project
 from pipeline.stores.whole import written_whole
 
@@ -33,7 +32,7 @@ def add_task(project: Project, name: str, scene: str, recordings: str, end_effec
     folder = project.path(recordings)
     if not any(folder.glob("*.mcap")):
         raise ParameterError(f"--recordings is {recordings}: there is no .mcap file in it; name a folder that has some")
-    loaded = load_scene(project.path(scene), end_effector=end_effector or _last_body(project.path(scene)))
+    loaded = load_scene(project.path(scene), end_effector=end_effector)
     yaml = YAML(typ="rt")
     yaml.width = 10_000
     file = project.root / params.FILE
@@ -50,3 +49,16 @@ def add_task(project: Project, name: str, scene: str, recordings: str, end_effec
         f"task {name!r} is in {params.FILE}: arm of {len(loaded.joints)} joints ({', '.join(loaded.joints)}), end "
         f"effector {loaded.end_effector}.\nSay there which features matter, then run: dvc repro inspect@{name}"
     )
+
+
+def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:
+    terms = {"efficiency": {"kind": "efficiency"}, "height": {"kind": "height"}}
+    return {
+        "scene": file,
+        "end_effector": scene.end_effector,
+        "surface": None,
+        "recordings": recordings,
+        "features": terms,
+        "preferences": {name: dict(spec) for name, spec in terms.items()},
+        "thetas": "grid",
+    }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pipeline.params import Task
-from pipeline.replay import Scene, load_scene
+from pipeline.replay.scene import Scene, load_scene
 from pipeline.stages.project import Project
 
 

@@ -1,0 +1,48 @@
+"""After `make repro`: every output is there, follows its contract, and says what it must."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import polars as pl
+
+import schemas
+from pipeline.params import load
+from pipeline.stores.catalog import ask
+from pipeline.stores.tables import read_table
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLES = ("demonstrations", "rejected", "alternatives", "sampling", "features", "scales", "densities", "posteriors")
+
+
+def main() -> None:
+    """Exit with a sentence about the first thing that is wrong."""
+    params = load(ROOT / "params.yaml")
+    for task in params.tasks:
+        folder = ROOT / "datasets" / task
+        tables = {name: read_table(folder / f"{name}.parquet", name) for name in TABLES}
+        people = params.simulate.participants
+        expect(tables["demonstrations"].height == people, f"{task}: {people} demonstrations")
+        expect(tables["rejected"].is_empty(), f"{task}: no rejected recording")
+        sets = params.sample.sets * len(params.sample.sizes) + 1
+        expect(tables["alternatives"].n_unique(["set_size", "set_id"]) == sets, f"{task}: {sets} sets")
+        expect(tables["densities"]["log_density"].min() >= -1e-12, f"{task}: self mass in every density")
+        groups = ["demonstration_id", "participant", "model", "set_size", "set_id"]
+        totals = tables["posteriors"].group_by(groups).agg(pl.col("posterior").sum())
+        expect(totals.height == (people + 1) * sets * len(params.infer.models), f"{task}: one posterior per question")
+        expect((totals["posterior"] - 1).abs().max() < 1e-9, f"{task}: posteriors that sum to one")
+        recording = folder / "inspect.rrd"
+        expect(0 < recording.stat().st_size < 20_000_000, f"{task}: a recording under 20 MB")
+        subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", recording], check=True)
+    known = set(ask(ROOT / "datasets" / "catalog.duckdb", "select table_name from duckdb_tables()")["table_name"])
+    expect(set(TABLES) <= known <= set(schemas.names()), "a catalog of exactly the tables with a schema")
+    print("all outputs are there and sound")
+
+
+def expect(fact: bool, what: str) -> None:
+    """Stop with `what` unless it is so."""
+    if not fact:
+        sys.exit(f"expected, but not found: {what}")
+
+
+main()
