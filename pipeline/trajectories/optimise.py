@@ -34,8 +34,9 @@ Costs = Callable[[Array], Array]
 class Search:
     """How hard to search.
 
-    The defaults take 1,200 replays per weighting. On the JACO tasks they close 98 % of the gap in cost between the
-    straight path and what 6,400 replays of 5 half waves find.
+    The defaults take 1,200 candidates per weighting. On the JACO arm, with efficiency, table and laptop as costs and 12
+    random weightings, they closed 98 % of the gap in mean cost between the
+    straight path and what 6,400 candidates of 5 half waves found.
 
     Attributes:
         modes: half waves per joint that a path is made of.
