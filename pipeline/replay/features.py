@@ -1,7 +1,7 @@
 """The kinds of features a task can name, and their evaluation over many trajectories in one replay.
 
 A kind is a function from a Motion to one number per trajectory, with a unit; its keyword arguments are what params.yaml
-gives beside `kind`. Registering one is all it takes:
+gives beside `kind`, annotated as str, float, int or bool. Registering one is all it takes:
 
     @feature("clearance", unit="m")
     def clearance(motion: Motion, *, over: str) -> Array:
@@ -126,8 +126,9 @@ class FeatureSet:
             ArgumentError: see `pipeline.replay.replay`.
             StageError: a feature is not one finite number per trajectory.
         """
+        motions = replay(self.scene, waypoints)
         values = np.empty((len(waypoints), len(self.names)))
-        for motion in replay(self.scene, waypoints):
+        for motion in motions:
             rows = slice(motion.first, motion.first + len(motion.waypoints))
             for column, function in enumerate(self._functions):
                 values[rows, column] = self._checked(self.names[column], function(motion), motion)

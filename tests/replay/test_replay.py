@@ -1,0 +1,103 @@
+import mujoco
+import numpy as np
+import pytest
+
+from pipeline.errors import ArgumentError, SceneError
+from pipeline.replay import body_positions, clear_of, load_scene, replay
+
+
+@pytest.fixture
+def waypoints():
+    return np.random.default_rng(7).uniform(-1, 1, (23, 5, 3))
+
+
+def one_by_one(scene, waypoints, kind, name):
+    """The oracle: one mj_kinematics per waypoint on the model as the file has it."""
+    data = mujoco.MjData(scene.model)
+    positions = np.empty((*waypoints.shape[:2], 3))
+    for n, t in np.ndindex(waypoints.shape[:2]):
+        data.qpos[:] = scene.home
+        data.qpos[scene.qpos_addresses] = waypoints[n, t]
+        mujoco.mj_kinematics(scene.model, data)
+        positions[n, t] = data.body(name).xpos if kind == "body" else data.site(name).xpos
+    return positions
+
+
+@pytest.mark.parametrize(("kind", "name"), [("body", "hook"), ("body", "parcel"), ("body", "bin"), ("site", "tip")])
+def test_same_as_one_by_one(gantry, waypoints, kind, name):
+    got = body_positions(gantry, waypoints, [name])[name]
+    assert np.abs(got - one_by_one(gantry, waypoints, kind, name)).max() < 1e-14
+
+
+def test_closed_form(gantry):
+    rail, swing, bow = 0.7, 0.5, -0.3
+    reach = 0.4 + 0.4 * np.cos(bow)
+    expected = [rail + reach * np.cos(swing), reach * np.sin(swing), 0.5 - 0.4 * np.sin(bow)]
+    got = body_positions(gantry, np.array([[[rail, swing, bow]]]), ["tip"])["tip"][0, 0]
+    np.testing.assert_allclose(got, expected, atol=1e-15)
+
+
+def test_joints_not_replayed_stay_at_the_start_keyframe(gantry, waypoints):
+    (motion,) = replay(gantry, waypoints[:1])
+    thumb, hook = motion.quaternion("thumb")[0], motion.quaternion("hook")[0]
+    # the grip joint turns the thumb by 0.7 rad against the hook, whatever the arm does
+    np.testing.assert_allclose(np.abs((thumb * hook).sum(axis=1)), np.cos(0.35), atol=1e-14)
+
+
+def test_bits_do_not_depend_on_threads_or_chunks(gantry):
+    waypoints = np.random.default_rng(1).uniform(-1, 1, (301, 11, 3))
+    whole = next(replay(gantry, waypoints, chunk=301, threads=1)).position("tip")
+    for chunk, threads in [(301, 2), (7, 1), (64, 3), (1, 2), (None, None)]:
+        parts = [motion.position("tip") for motion in replay(gantry, waypoints, chunk=chunk, threads=threads)]
+        assert np.concatenate(parts).tobytes() == whole.tobytes()
+
+
+def test_chunks_come_in_order_and_stay_valid(gantry, waypoints):
+    motions = list(replay(gantry, waypoints, chunk=10))
+    assert [(motion.first, len(motion.waypoints)) for motion in motions] == [(0, 10), (10, 10), (20, 3)]
+    assert (np.concatenate([m.waypoints for m in motions]) == waypoints).all()
+    expected = one_by_one(gantry, waypoints, "body", "hook")
+    assert np.abs(np.concatenate([m.end_effector for m in motions]) - expected).max() < 1e-14
+
+
+def test_no_trajectories(gantry):
+    nothing = np.empty((0, 5, 3))
+    assert list(replay(gantry, nothing)) == []
+    assert clear_of(gantry, nothing, "bench").shape == (0,)
+    assert body_positions(gantry, nothing, ["tip"])["tip"].shape == (0, 5, 3)
+
+
+@pytest.mark.parametrize("shape", [(5, 3), (2, 5, 4), (2, 0, 3)])
+def test_shapes(gantry, shape):
+    with pytest.raises(ArgumentError, match=r"must be \(N, T, 3\).*rail, swing, bow"):
+        replay(gantry, np.zeros(shape))
+
+
+def test_other_arguments(gantry, waypoints):
+    waypoints[4, 2, 1] = np.nan
+    with pytest.raises(ArgumentError, match="trajectory 4 are not all finite"):
+        replay(gantry, waypoints)
+    with pytest.raises(ArgumentError, match="chunk is 0"):
+        replay(gantry, waypoints[:1], chunk=0)
+    with pytest.raises(SceneError, match="'nose'"):
+        body_positions(gantry, waypoints[:1], ["nose"])
+
+
+def test_clear_of_a_surface(gantry):
+    # the bench's top is at 0.1 and the hook at z = 0.5 - 0.3 sin(bow), so never under it
+    down = np.array([[[0.0, 0.0, 1.5]]])
+    assert clear_of(gantry, down, "bench").tolist() == [True]
+    deep = gantry.path.with_name("deep.xml")
+    deep.write_text(gantry.path.read_text().replace('carriage" pos="0 0 0.5"', 'carriage" pos="0 0 0.35"'))
+    scene = load_scene(deep, end_effector="hook", joints=["rail", "swing", "bow"])
+    level, dipped = [0.0, 0.0, 0.0], [0.0, 0.0, 1.5]  # hook at z = 0.05
+    beyond, beside = [1.0, 0.0, 1.5], [0.0, np.pi / 2, 1.5]  # as deep, off its end (x > 1.1) and side (y > 0.3)
+    trajectories = np.array([[level, level], [level, dipped], [dipped, level], [beyond, level], [beside, level]])
+    assert clear_of(scene, trajectories, "bench").tolist() == [True, False, False, True, True]
+
+
+def test_surface_must_be_a_box_site(gantry, waypoints):
+    with pytest.raises(SceneError, match=r"no site named 'table_top'; it has bench, dot, tip\.$"):
+        clear_of(gantry, waypoints)
+    with pytest.raises(SceneError, match=r"'dot' .* is not a box"):
+        clear_of(gantry, waypoints, "dot")
