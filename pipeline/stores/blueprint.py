@@ -1,0 +1,121 @@
+"""The layout that opens with an inspection: scene and posteriors above, densities and numbers below."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from pipeline.stores import palette, viewer_posteriors
+from pipeline.stores.viewer import TIMELINE
+from pipeline.stores.viewer_charts import curve_bounds, curve_entity, map_bounds
+from pipeline.stores.viewer_text import drawable
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pipeline.stores.viewer import Inspection
+
+    Floats = NDArray[np.float64]
+
+_SHORT_REPLAY_S = 60.0
+_DISTANCE = 0.95
+
+
+def layout(inspection: Inspection) -> rrb.Blueprint:
+    """The views of an inspection, and a replay that plays by itself, in about a minute if it would take longer."""
+    above = rrb.Horizontal(_scene_view(inspection), _posterior_view(inspection), column_shares=[10, 10])
+    below = rrb.Horizontal(_curve_views(inspection), _map_view(inspection), _text_view(), column_shares=[9, 9, 10])
+    length_s = float(inspection.replay.time_s[-1] - inspection.replay.time_s[0])
+    time = rrb.TimePanel(
+        state="collapsed",
+        timeline=TIMELINE,
+        play_state="playing",
+        loop_mode="all",
+        playback_speed=max(1.0, float(np.ceil(length_s / _SHORT_REPLAY_S))),
+    )
+    return rrb.Blueprint(
+        rrb.Vertical(above, below, row_shares=[62, 38]),
+        time,
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _scene_view(inspection: Inspection) -> rrb.Spatial3DView:
+    replay = inspection.replay
+    moving = [inspection.demonstration_paths, inspection.alternative_paths, replay.body_positions[:, 1:]]
+    seen = np.concatenate([points.reshape(-1, 3) for points in moving])
+    position, target = camera(seen, replay.body_positions[0, 1], replay.geometry.viewpoint)
+    return rrb.Spatial3DView(
+        origin="scene",
+        name="Demonstrations (pink), alternatives by LESS weight (blue low, yellow high)",
+        background=_background(),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+    )
+
+
+def camera(seen: Floats, base: Floats, viewpoint: Floats | None) -> tuple[Floats, Floats]:
+    """Where to look from, and at what: all that moves, from the side of the scene's camera.
+
+    Without a camera in the scene: from beyond the middle of what is seen, to the side and above, the base behind it.
+
+    Args:
+        seen: (P, 3) m, points that should be in the picture.
+        base: (3,) m, where the robot stands.
+        viewpoint: (3,) m, the scene's camera, or None.
+
+    Returns:
+        (3,) position and (3,) target, m.
+    """
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    target = (low + high) / 2
+    direction = _beyond(target - base) if viewpoint is None else viewpoint - target
+    away = _DISTANCE * np.linalg.norm(high - low)
+    return target + away * direction / np.linalg.norm(direction), target
+
+
+def _beyond(outward: Floats) -> Floats:
+    angle = np.arctan2(outward[1], outward[0]) + np.radians(50.0)
+    return np.array([np.cos(angle), np.sin(angle), np.tan(np.radians(24.0))])
+
+
+def _posterior_view(inspection: Inspection) -> rrb.Spatial2DView:
+    name = f"Posterior over {inspection.theta_meaning} - bar: so far, line: after all demonstrations"
+    return _page_view("posterior", name, viewer_posteriors.page(inspection).bounds)
+
+
+def _curve_views(inspection: Inspection) -> rrb.Tabs:
+    views = [
+        _page_view(curve_entity(curve.feature), f"Density: {curve.feature} ({curve.unit})", curve_bounds(curve))
+        for curve in inspection.curves
+    ]
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _map_view(inspection: Inspection) -> rrb.Spatial2DView:
+    (first, second), units = inspection.map.features, inspection.map.units
+    name = f"Density (square root): {first} ({units[0]}) across, {second} ({units[1]}) up"
+    return _page_view("map", name, map_bounds(inspection.map))
+
+
+def _page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
+    across, down = bounds
+    return rrb.Spatial2DView(
+        origin=origin,
+        name=drawable(name),
+        background=_background(),
+        visual_bounds=rrb.VisualBounds2D(x_range=across, y_range=down),
+    )
+
+
+def _text_view() -> rrb.TextDocumentView:
+    return rrb.TextDocumentView(origin="summary", name="Numbers, and where they came from")
+
+
+def _background() -> rrb.Background:
+    return rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=palette.BACKGROUND)

@@ -1,0 +1,82 @@
+"""The colours of every picture, in the viewer and on paper: one per model, apart for colour-blind readers too.
+
+Qualitative colours are those of M. Okabe and K. Ito, "Color Universal Design" (2008); the sequential scale follows
+cividis (Nunez, Anderton and Renslow, PLOS ONE 13, 2018), which keeps its order in grey and for every kind of colour vision.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+RGB = tuple[int, int, int]
+
+BLUE: RGB = (0, 114, 178)
+ORANGE: RGB = (230, 159, 0)
+GREEN: RGB = (0, 158, 115)
+PINK: RGB = (204, 121, 167)
+SKY: RGB = (86, 180, 233)
+VERMILLION: RGB = (213, 94, 0)
+YELLOW: RGB = (240, 228, 66)
+GREY: RGB = (150, 150, 150)
+WHITE: RGB = (255, 255, 255)
+BACKGROUND: RGB = (24, 26, 31)
+GROUND: RGB = (52, 55, 61)
+
+MODELS: dict[str, RGB] = {"boltzmann": BLUE, "less": ORANGE, "attribute-rule": GREEN}
+_OTHER_MODELS = (SKY, VERMILLION, YELLOW)
+DEMONSTRATION = PINK
+RAW_DENSITY = GREY
+
+SEQUENTIAL: tuple[RGB, ...] = (
+    (0, 34, 78),
+    (42, 63, 109),
+    (87, 93, 109),
+    (125, 124, 120),
+    (165, 156, 116),
+    (210, 192, 96),
+    (254, 232, 56),
+)
+"""Evenly spaced stops of the sequential scale, low to high."""
+
+PATHS: tuple[RGB, ...] = ((46, 88, 158), (122, 141, 150), YELLOW)
+"""The same blue to yellow for thin lines on the viewer's dark ground, where cividis' dark end would vanish."""
+
+
+def model_color(name: str, names: tuple[str, ...]) -> RGB:
+    """The colour of one model among those shown together; models unknown here take the spare colours in order."""
+    if name in MODELS:
+        return MODELS[name]
+    others = [other for other in names if other not in MODELS]
+    return _OTHER_MODELS[others.index(name) % len(_OTHER_MODELS)]
+
+
+def sequential(values: Any, low: float, high: float) -> NDArray[np.uint8]:
+    """Colours of values on the sequential scale.
+
+    Args:
+        values: (...) numbers; those outside `low`..`high` take the colour of the nearer end.
+        low, high: the values of the scale's two ends; if they are equal every value takes the middle.
+
+    Returns:
+        (..., 3) red, green, blue.
+    """
+    return _along(SEQUENTIAL, values, low, high)
+
+
+def path_colors(values: Any, low: float, high: float) -> NDArray[np.uint8]:
+    """Colours of paths by LESS weight, arguments as in `sequential`."""
+    return _along(PATHS, values, low, high)
+
+
+def _along(scale: tuple[RGB, ...], values: Any, low: float, high: float) -> NDArray[np.uint8]:
+    values = np.asarray(values, dtype=np.float64)
+    share = np.clip((values - low) / (high - low), 0.0, 1.0) if high > low else np.full(values.shape, 0.5)
+    stops = np.linspace(0.0, 1.0, len(scale))
+    channels = [np.interp(share, stops, channel) for channel in np.array(scale, dtype=np.float64).T]
+    colors: NDArray[np.uint8] = np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+    return colors

@@ -1,0 +1,273 @@
+"""What one task looks like from inside: its feature space before and after LESS, its hypotheses in words, its replay in time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+_BLOCK_ELEMENTS = 4_000_000
+_FRACTIONS = {Fraction(1, 2): "½", Fraction(1, 4): "¼", Fraction(3, 4): "¾", Fraction(1, 3): "⅓"}
+
+
+@dataclass(frozen=True)
+class DensityCurve:
+    """The density of alternatives along one feature, as they are and as LESS weighs them.
+
+    Attributes:
+        feature: its name.
+        unit: its unit, as written after a number.
+        grid: (G,) increasing, evenly spaced, raw units.
+        raw: (G,) per raw unit; every alternative counts the same.
+        adjusted: (G,) per raw unit; alternative i counts as its LESS weight.
+        demonstrations: (n,) raw values of the demonstrations.
+    """
+
+    feature: str
+    unit: str
+    grid: Floats
+    raw: Floats
+    adjusted: Floats
+    demonstrations: Floats
+
+
+@dataclass(frozen=True)
+class DensityMap:
+    """The density of alternatives over two features.
+
+    Attributes:
+        features: names of the horizontal and the vertical feature.
+        units: theirs.
+        x: (G,) increasing, evenly spaced, raw units of the first.
+        y: (H,) likewise of the second.
+        density: (H, G) per raw unit of both, row h at `y[h]`, column g at `x[g]`.
+        demonstrations: (n, 2) raw values of the demonstrations.
+    """
+
+    features: tuple[str, str]
+    units: tuple[str, str]
+    x: Floats
+    y: Floats
+    density: Floats
+    demonstrations: Floats
+
+
+def feature_grid(alternatives: Floats, demonstrations: Floats, bandwidth: float, size: int) -> Floats:
+    """Evenly spaced values that cover one feature's alternatives and demonstrations, with two bandwidths to spare.
+
+    Args:
+        alternatives: (N,) raw values.
+        demonstrations: (n,) raw values.
+        bandwidth: of the kernel, in the feature's raw unit.
+        size: how many values.
+
+    Returns:
+        (size,) values in raw units.
+    """
+    both = np.concatenate([alternatives, demonstrations])
+    return np.linspace(both.min() - 2 * bandwidth, both.max() + 2 * bandwidth, size)
+
+
+def density_1d(values: Floats, grid: Floats, bandwidth: float, log_weights: Floats | None = None) -> Floats:
+    """Kernel density of weighted values along one feature.
+
+    f(x) = sum_i w_i N(x; v_i, sigma^2) with w_i = exp(log_w_i) / sum_j exp(log_w_j). With LESS's log weights this is
+    the density "adjusted by LESS" of the paper's figure `density`; its kernel is the one that LESS itself uses.
+
+    Args:
+        values: (N,) feature values, raw units.
+        grid: (G,) where the density is wanted, raw units.
+        bandwidth: sigma in raw units, that is the bandwidth of the scaled features times the feature's scale.
+        log_weights: (N,) log weight of each value; None counts each the same.
+
+    Returns:
+        (G,) density per raw unit; it integrates to one over the whole line.
+
+    Raises:
+        ArgumentError: the bandwidth is not positive, or there is not one weight per value.
+    """
+    values, grid = np.asarray(values, dtype=np.float64), np.asarray(grid, dtype=np.float64)
+    _check_bandwidth(bandwidth)
+    weights = _weights(log_weights, values.size)
+    density = np.zeros(grid.size)
+    step = max(1, _BLOCK_ELEMENTS // grid.size)
+    for start in range(0, values.size, step):
+        block = slice(start, start + step)
+        z = (grid[:, None] - values[block]) / bandwidth  # (G, block)
+        density += np.exp(-0.5 * z * z) @ weights[block]
+    density /= bandwidth * np.sqrt(2 * np.pi)
+    return density
+
+
+def density_curve(
+    feature: str,
+    unit: str,
+    alternatives: Floats,
+    demonstrations: Floats,
+    bandwidth: float,
+    less_log_weights: Floats,
+    size: int = 200,
+) -> DensityCurve:
+    """Both densities of one feature; arguments as in `feature_grid` and `density_1d`."""
+    grid = feature_grid(alternatives, demonstrations, bandwidth, size)
+    return DensityCurve(
+        feature=feature,
+        unit=unit,
+        grid=grid,
+        raw=density_1d(alternatives, grid, bandwidth),
+        adjusted=density_1d(alternatives, grid, bandwidth, less_log_weights),
+        demonstrations=demonstrations,
+    )
+
+
+def density_map(
+    features: tuple[str, str],
+    units: tuple[str, str],
+    alternatives: Floats,
+    demonstrations: Floats,
+    bandwidths: Floats,
+    size: tuple[int, int] = (120, 90),
+) -> DensityMap:
+    """Kernel density of the alternatives over two features.
+
+    f(x, y) = 1/N sum_i N(x; x_i, sigma_x^2) N(y; y_i, sigma_y^2): the marginal, over the other features, of the
+    density that LESS divides by.
+
+    Args:
+        features, units: of the two.
+        alternatives: (N, 2) raw values.
+        demonstrations: (n, 2) raw values.
+        bandwidths: (2,) sigma in raw units of each.
+        size: values along the horizontal and the vertical axis.
+
+    Raises:
+        ArgumentError: a bandwidth is not positive.
+    """
+    axes = [feature_grid(alternatives[:, i], demonstrations[:, i], float(bandwidths[i]), size[i]) for i in (0, 1)]
+    density = np.zeros((size[1], size[0]))
+    step = max(1, _BLOCK_ELEMENTS // sum(size))
+    for start in range(0, len(alternatives), step):
+        block = alternatives[start : start + step]
+        # the Gaussian is a product over features: two thin matrices instead of one value per cell and alternative
+        along_x, along_y = (_kernel(axes[i], block[:, i], float(bandwidths[i])) for i in (0, 1))
+        density += along_y @ along_x.T
+    return DensityMap(features, units, axes[0], axes[1], density / len(alternatives), demonstrations)
+
+
+def theta_labels(thetas: Floats, names: Sequence[str]) -> tuple[str, ...]:
+    """Each hypothesis in words: its weights relative to its largest, zeros left out.
+
+    Weights that are all costs (none positive) are written without their sign, see `theta_meaning`.
+    `(-1, -0.5, 0)` reads "efficiency + ½ table".
+
+    Args:
+        thetas: (K, F) weight vectors.
+        names: (F,) feature names.
+
+    Returns:
+        (K,) labels, all different: where directions repeat, the weights themselves are written.
+
+    Raises:
+        ArgumentError: the number of names is not the number of columns.
+    """
+    thetas = np.asarray(thetas, dtype=np.float64)
+    if thetas.ndim != 2 or thetas.shape[1] != len(names):
+        raise ArgumentError(f"thetas must be (K, {len(names)}) for {', '.join(names)}; got shape {thetas.shape}.")
+    signed = np.abs(thetas) if (thetas <= 0).all() else thetas
+    largest = np.abs(signed).max(axis=1, keepdims=True)
+    relative = np.divide(signed, largest, out=np.zeros_like(signed), where=largest > 0)
+    labels = tuple(_words(row, names) for row in relative)
+    if len(set(labels)) == len(labels):
+        return labels
+    return tuple(" ".join(f"{n} {w:.6g}" for n, w in zip(names, row, strict=True)) for row in signed)
+
+
+def theta_meaning(thetas: Floats) -> str:
+    """What the numbers in `theta_labels` are."""
+    if (np.asarray(thetas) <= 0).all():
+        return "cost weights, relative to the largest"
+    return "reward weights, relative to the largest"
+
+
+def replay_samples(
+    demonstrations: Floats, durations_s: Floats, steps: int = 5, pause_s: float = 0.5
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Demonstrations one after another on one time line, each at its recorded speed, moving evenly between waypoints.
+
+    Args:
+        demonstrations: (n, T, J) waypoints, rad or m, evenly spaced in each one's time.
+        durations_s: (n,) s, positive.
+        steps: samples from one waypoint to the next.
+        pause_s: from the end of one to the start of the next.
+
+    Returns:
+        (M, J) configurations, (M,) strictly increasing seconds from 0, and (M,) the demonstration of each sample, for
+        M = n * ((T - 1) * steps + 1).
+
+    Raises:
+        ArgumentError: a duration is not positive, or there is not one per demonstration.
+    """
+    demonstrations, durations_s = np.asarray(demonstrations, np.float64), np.asarray(durations_s, np.float64)
+    n, n_waypoints, n_joints = demonstrations.shape
+    if durations_s.shape != (n,) or not (durations_s > 0).all():
+        raise ArgumentError(f"durations_s must be {n} positive numbers, one per demonstration; got {durations_s}.")
+    at = np.linspace(0.0, n_waypoints - 1.0, (n_waypoints - 1) * steps + 1)
+    before = np.minimum(at.astype(np.int64), n_waypoints - 2)
+    share = (at - before)[None, :, None]
+    configurations = (1 - share) * demonstrations[:, before] + share * demonstrations[:, before + 1]
+    starts_s = np.concatenate([[0.0], np.cumsum(durations_s + pause_s)[:-1]])
+    times_s = starts_s[:, None] + durations_s[:, None] * at / (n_waypoints - 1)
+    return configurations.reshape(-1, n_joints), times_s.ravel(), np.repeat(np.arange(n), at.size)
+
+
+def _words(row: Floats, names: Sequence[str]) -> str:
+    terms = ""
+    for weight, name in zip(row, names, strict=True):
+        if weight != 0:
+            sign = (" − " if weight < 0 else " + ") if terms else ("−" if weight < 0 else "")
+            terms += f"{sign}{_amount(abs(float(weight)))}{name}"
+    return terms or "nothing"
+
+
+def _amount(weight: float) -> str:
+    """`1` goes without saying, simple fractions as such, anything else with two digits."""
+    if abs(weight - 1) < 1e-9:
+        return ""
+    fraction = Fraction(weight).limit_denominator(4)
+    if abs(weight - fraction) < 1e-9 and fraction in _FRACTIONS:
+        return f"{_FRACTIONS[fraction]} "
+    return f"{weight:.2g} "
+
+
+def _kernel(grid: Floats, values: Floats, bandwidth: float) -> Floats:
+    _check_bandwidth(bandwidth)
+    z = (grid[:, None] - values) / bandwidth
+    kernel: Floats = np.exp(-0.5 * z * z) / (bandwidth * np.sqrt(2 * np.pi))
+    return kernel
+
+
+def _weights(log_weights: Floats | None, size: int) -> Floats:
+    if log_weights is None:
+        return np.full(size, 1.0 / size)
+    log_weights = np.asarray(log_weights, dtype=np.float64)
+    if log_weights.shape != (size,):
+        raise ArgumentError(f"log_weights must be ({size},), one per value; got shape {log_weights.shape}.")
+    weights = np.exp(log_weights - log_weights.max())
+    normalised: Floats = weights / weights.sum()
+    return normalised
+
+
+def _check_bandwidth(bandwidth: Any) -> None:
+    if not bandwidth > 0:
+        raise ArgumentError(f"bandwidth must be a positive number in the feature's raw unit; got {bandwidth}.")
