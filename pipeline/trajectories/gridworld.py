@@ -1,4 +1,4 @@
-"""Shortest paths through a square grid: all of them, their features, and how much they overlap.
+"""Shortest paths through a square grid: all of them, their features, and the links they share.
 
 Cells are (x, y) with whole coordinates from 0; a path goes from (0, 0) to (size - 1, size - 1) by steps right or up.
 """
@@ -10,6 +10,7 @@ from math import comb, isqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from pipeline.errors import ArgumentError
 
@@ -74,30 +75,17 @@ def mean_positions(paths: Cells) -> NDArray[np.float64]:
     return means
 
 
-def log_path_sizes(paths: Cells) -> NDArray[np.float64]:
-    """Logarithm of each path's size: 1 if it shares no link with another, less the more it overlaps.
+def link_incidence(paths: Cells) -> sparse.csr_array:
+    """(N, E) which of the E links between neighbouring cells each path takes: 1 or 0, links in lexicographic order.
 
-    PS_i = sum_{a in i} (l_a / L_i) / N_a, with l_a = 1 the length of link a, L_i the length of the path and N_a the
-    number of paths over the link. Added to the reward it gives the path-size logit, the route-choice literature's
-    correction for similar paths.
-
-    Args:
-        paths: (N, T, 2) cells; all of them make up the choice set.
-
-    Returns:
-        (N,) logarithms, at most 0.
-
-    Source: M. Ben-Akiva and M. Bierlaire, Discrete choice methods and their applications to short term travel
-    decisions, Handbook of Transportation Science (1999), with exponent 1.
+    What the path-size model (`pipeline.choice.PathSize`) compares.
     """
     side = int(paths.max()) + 1
     cell = paths[:, :, 0] * side + paths[:, :, 1]
-    link = cell[:, :-1] * side * side + cell[:, 1:]
-    distinct, index = np.unique(link, return_inverse=True)
-    users = np.bincount(index.ravel(), minlength=distinct.size)
-    share = (1.0 / users)[index.reshape(link.shape)]
-    log_sizes: NDArray[np.float64] = np.log(share.mean(axis=1))
-    return log_sizes
+    links, index = np.unique(cell[:, :-1] * side * side + cell[:, 1:], return_inverse=True)
+    count, steps = cell.shape[0], cell.shape[1] - 1
+    starts = np.arange(0, count * steps + 1, steps)
+    return sparse.csr_array((np.ones(count * steps), index.ravel(), starts), shape=(count, links.size))
 
 
 def _mean_distance(paths: Cells, centre: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -1,9 +1,9 @@
-"""Grid-world paths, overlap and choice, by plain recursion and loops."""
+"""Grid-world paths, and their overlap, by plain recursion and loops."""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from math import exp, hypot, log
+from math import hypot
 
 Path = tuple[tuple[int, int], ...]
 
@@ -33,9 +33,3 @@ def path_size(paths: list[Path], chosen: int) -> float:
     links = [list(pairwise(path)) for path in paths]
     length = len(links[chosen])
     return sum(1 / length / sum(link in other for other in links) for link in links[chosen])
-
-
-def path_size_logit(paths: list[Path], rewards: list[float]) -> list[float]:
-    """Probabilities proportional to exp(reward + log path size)."""
-    weights = [exp(rewards[i] + log(path_size(paths, i))) for i in range(len(paths))]
-    return [weight / sum(weights) for weight in weights]

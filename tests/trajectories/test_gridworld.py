@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import comb
 
 import numpy as np
 import pytest
-from slow_gridworld import all_paths, mean_distance, path_size
+from slow_gridworld import all_paths, mean_distance
 
 from pipeline.errors import ArgumentError
-from pipeline.trajectories.gridworld import log_path_sizes, mean_distances, mean_positions, shortest_paths
+from pipeline.trajectories.gridworld import link_incidence, mean_distances, mean_positions, shortest_paths
 
 
 @pytest.mark.parametrize("size", [2, 3, 4, 5])
@@ -60,22 +61,14 @@ def test_mean_positions() -> None:
     assert means.sum(axis=1) == pytest.approx(np.full(20, 3.0), rel=1e-14)
 
 
-@pytest.mark.parametrize("size", [2, 3, 4])
-def test_path_sizes_agree_with_loops(size: int) -> None:
-    paths = all_paths(size)
-    expected = [path_size(paths, i) for i in range(len(paths))]
-    assert np.exp(log_path_sizes(shortest_paths(size))) == pytest.approx(expected, rel=1e-12)
-
-
-def test_path_sizes_of_disjoint_and_identical_paths() -> None:
-    paths = shortest_paths(2)
-    assert log_path_sizes(paths).tolist() == [0.0, 0.0]
-    assert log_path_sizes(paths[[0, 0, 1]]) == pytest.approx([np.log(0.5), np.log(0.5), 0.0])
-
-
-def test_path_sizes_sum_to_the_number_of_links() -> None:
-    # each link gives 1 / L in all, shared among its users: 2 n (n - 1) links over L = 2 (n - 1) steps
-    assert np.exp(log_path_sizes(shortest_paths(8))).sum() == pytest.approx(8.0, rel=1e-12)
+def test_links() -> None:
+    paths = shortest_paths(4)
+    incidence = link_incidence(paths).toarray()
+    assert incidence.shape == (20, 2 * 4 * 3)  # every link of the grid is on some shortest path
+    assert (incidence.sum(axis=1) == 6).all()
+    links = sorted({link for path in all_paths(4) for link in pairwise(path)})
+    expected = [[link in set(pairwise(path)) for link in links] for path in all_paths(4)]
+    assert (incidence == np.array(expected)).all()
 
 
 def test_refusals() -> None:
