@@ -35,10 +35,7 @@ def run(project: Project, name: str) -> None:
         )
         sets = pool.partition_by(SET, maintain_order=True)
         bandwidth = project.params.density.bandwidth
-        parts = [
-            _set_density(rows, scale, features.names, project.params.density.bandwidth)
-            for rows in tracked(sets, f"density {name}")
-        ]
+        parts = [_set_density(rows, scale, features.names, bandwidth) for rows in tracked(sets, f"density {name}")]
         provenance = project.provenance([method, project.params.density], [source])
         write_table(project.table(name, "scales"), "scales", scales, provenance)
         write_table(project.table(name, "densities"), "densities", pl.concat(parts), provenance)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -36,7 +37,8 @@ def run(project: Project, name: str) -> None:
             raise StageError(
                 f"{task.recordings}: there is no .mcap file in this folder; tasks.{name}.recordings names it"
             )
-        rows, rejected = [], []
+        rows: list[dict[str, Any]] = []
+        rejected: list[dict[str, str]] = []
         for file in tracked(files, f"ingest {name}"):
             try:
                 rows.append(demonstration(file, scene, settings.waypoints, settings.idle_rad))
@@ -54,7 +56,7 @@ def run(project: Project, name: str) -> None:
         record.produced = f"{len(rows)} demonstrations" + (f", {len(rejected)} rejected" if rejected else "")
 
 
-def demonstration(file: Path, scene: Scene, waypoints: int, idle_rad: float) -> dict[str, object]:
+def demonstration(file: Path, scene: Scene, waypoints: int, idle_rad: float) -> dict[str, Any]:
     """One row of demonstrations.parquet.
 
     Raises:

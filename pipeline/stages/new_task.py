@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import io
 
+from ruamel.yaml import YAML
+
 from pipeline import params
-from pipeline.errors import ParameterError, SceneError
+from pipeline.errors import ParameterError
 from pipeline.replay.scene import Scene, load_scene
 from pipeline.stages.project import Project
 from pipeline.stores.whole import written_whole
+
+TABLES = ("demonstrations", "rejected", "alternatives", "sampling", "features", "scales", "densities", "posteriors")
 
 
 def add_task(project: Project, name: str, scene: str, recordings: str, end_effector: str | None) -> str:
@@ -25,8 +29,6 @@ def add_task(project: Project, name: str, scene: str, recordings: str, end_effec
         ParameterError: the name is taken or not a name, or the folder holds no recordings.
         SceneError: see `pipeline.replay.load_scene`.
     """
-    from ruamel.yaml import YAML
-
     if name in project.params.tasks:
         raise ParameterError(f"there is a task {name!r} already in {params.FILE}; choose another name")
     folder = project.path(recordings)
@@ -45,10 +47,22 @@ def add_task(project: Project, name: str, scene: str, recordings: str, end_effec
     params.parse(YAML(typ="safe", pure=True).load(text.getvalue()), str(file))
     with written_whole(file) as stream:
         stream.write(text.getvalue().encode())
+    _feed_catalog(project, yaml, name)
     return (
         f"task {name!r} is in {params.FILE}: arm of {len(loaded.joints)} joints ({', '.join(loaded.joints)}), end "
         f"effector {loaded.end_effector}.\nSay there which features matter, then run: dvc repro inspect@{name}"
     )
+
+
+def _feed_catalog(project: Project, yaml: YAML, name: str) -> None:
+    """Let the catalog stage wait for the new task's tables; DVC cannot list them by itself."""
+    file = project.root / "dvc.yaml"
+    if not file.is_file():
+        return
+    document = yaml.load(file.read_text(encoding="utf-8"))
+    document["stages"]["catalog"]["deps"].extend(f"datasets/{name}/{table}.parquet" for table in TABLES)
+    with written_whole(file) as stream:
+        yaml.dump(document, stream)
 
 
 def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:

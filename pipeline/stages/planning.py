@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
 from pipeline.params import Task
+from pipeline.replay.preferences import Preferences
 from pipeline.replay.replay import clear_of
 from pipeline.replay.scene import Scene
-from pipeline.replay.preferences import Preferences
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.samplers import Deformation, draw_admissible
 

@@ -54,7 +54,7 @@ def run(project: Project, name: str) -> None:
         shares = pl.concat([_shares(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         write_table(project.table(name, "alternatives"), "alternatives", rows, provenance)
         write_table(project.table(name, "sampling"), "sampling", shares, provenance)
-        rate = 1 - shares["kept"].sum() / shares["proposed"].sum()
+        rate = 1 - rows.height / sum(tally.proposed for draw in draws for tally in draw.tallies)
         record.produced = f"{len(wanted)} sets, {rows.height:,} trajectories ({rate:.0%} of the draws discarded)"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def run(project: Project, name: str) -> None:
             child_rng(seed, "simulate", name), theta, settings.participants,
             spread_rad=settings.spread_rad, skill=settings.skill,
         )  # fmt: skip
-        limits = {"lower": scene.lower, "upper": scene.upper, "admissible": planning.admissible}
+        limits: dict[str, Any] = {"lower": scene.lower, "upper": scene.upper, "admissible": planning.admissible}
         planned = optimise_paths(
             [child_rng(seed, "simulate", name, person.name, "plan") for person in people],
             planning.anchor,
