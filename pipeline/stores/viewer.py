@@ -136,7 +136,9 @@ def write_inspection(path: Path, inspection: Inspection) -> None:
     recording = rr.RecordingStream(
         f"lessbench {inspection.task}", recording_id=inspection.task, send_properties=False, batcher_config=whole
     )
+    strict = rr.strict_mode()
     try:
+        rr.set_strict_mode(True)  # otherwise data that cannot be shown is left out with a warning
         recording.set_log_time_enabled(False)
         recording.save(partial, default_blueprint=layout(inspection))
         recording.send_property("task", rr.AnyValues(name=inspection.task))
@@ -148,6 +150,7 @@ def write_inspection(path: Path, inspection: Inspection) -> None:
         recording.disconnect()
         partial.replace(path)
     finally:
+        rr.set_strict_mode(strict)
         recording.disconnect()
         partial.unlink(missing_ok=True)
 
@@ -167,8 +170,7 @@ def open_viewer(path: Path) -> None:
             f"there is no display here (DISPLAY and WAYLAND_DISPLAY are not set); copy {path} to a machine that has one "
             f"and run `rerun {path.name}` there (pip install rerun-sdk)."
         )
-    environment = os.environ | {"CI": "true", "HTTPS_PROXY": _UNREACHABLE}
-    with subprocess.Popen([*viewer_command(), str(path)], env=environment) as process:  # noqa: S603
+    with subprocess.Popen([*viewer_command(), str(path)], env=quiet_environment()) as process:  # noqa: S603
         try:
             status = process.wait()
         except BaseException:
@@ -182,6 +184,11 @@ def viewer_command() -> list[str]:
     """The viewer itself, not the Python script `rerun` in front of it, which leaves it behind when it is stopped."""
     binary = Path(str(files("rerun_cli"))) / ("rerun.exe" if sys.platform == "win32" else "rerun")
     return [str(binary), "--bind", "127.0.0.1", "--port", "auto", "--hide-welcome-screen"]
+
+
+def quiet_environment() -> dict[str, str]:
+    """The environment in which the viewer sends nothing anywhere: no analytics, no look for a newer version."""
+    return os.environ | {"CI": "true", "HTTPS_PROXY": _UNREACHABLE}
 
 
 def _check_shape(name: str, array: Floats, shape: tuple[int | None, ...]) -> None:
