@@ -1,0 +1,344 @@
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from pipeline.errors import ArgumentError, StageError
+from pipeline.replay import load_scene
+from pipeline.replay.geometry import body_poses, extract_geometry
+from pipeline.stores import palette
+from pipeline.stores.viewer import (
+    TIMELINE,
+    Inspection,
+    Replay,
+    open_viewer,
+    quiet_environment,
+    viewer_command,
+    write_inspection,
+)
+from pipeline.stores.viewer_charts import ticks
+from pipeline.stores.viewer_posteriors import page
+from pipeline.stores.viewer_text import drawable
+from pipeline.studies.inspection import density_curve, density_map, replay_samples, theta_labels, theta_meaning
+
+ROOT = Path(__file__).resolve().parents[2]
+RERUN = viewer_command()[0]
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <asset><mesh name="wedge" vertex="0 0 0  0.1 0 0  0 0.1 0  0 0 0.1"/></asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 0.1"/>
+    <body name="table" pos="0.5 0 0.1"><geom name="board" type="box" size="0.3 0.3 0.02"/></body>
+    <body name="base" pos="0 0 0.1">
+      <geom name="foot" type="cylinder" size="0.05 0.1"/>
+      <body name="upper" pos="0 0 0.1">
+        <joint name="shoulder" axis="0 0 1"/>
+        <geom name="tube" type="capsule" fromto="0 0 0 0.3 0 0" size="0.03"/>
+        <body name="fore" pos="0.3 0 0">
+          <joint name="elbow" axis="0 1 0"/>
+          <geom name="egg" type="ellipsoid" pos="0.1 0 0" size="0.1 0.02 0.03"/>
+          <geom name="ball" type="sphere" pos="0.2 0 0" size="0.03"/>
+          <geom name="wedge" type="mesh" mesh="wedge"/>
+          <site name="tip" pos="0.25 0 0"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture(autouse=True)
+def _strict(monkeypatch):
+    monkeypatch.setenv("RERUN_STRICT", "1")
+    rr.set_strict_mode(True)
+    yield
+    rr.set_strict_mode(False)
+
+
+@pytest.fixture(scope="module")
+def inspection(tmp_path_factory) -> Inspection:
+    path = tmp_path_factory.mktemp("scene") / "arm.xml"
+    path.write_text(ARM)
+    scene = load_scene(path, end_effector="tip")
+    rng = np.random.default_rng(5)
+    demonstrations = np.cumsum(rng.normal(0, 0.1, (3, 11, 2)), axis=1)
+    configurations, time_s, which = replay_samples(demonstrations, np.array([2.0, 1.0, 3.0]))
+    positions, quaternions = body_poses(scene, configurations)
+    features = rng.normal(size=(200, 2)) * [1.0, 5.0]
+    mine, log_weights = features[:3] + 0.1, rng.normal(size=200)
+    curves = tuple(
+        density_curve(name, unit, features[:, i], mine[:, i], 0.3, log_weights)
+        for i, (name, unit) in enumerate([("effort", "rad²"), ("height", "m")])
+    )
+    thetas = -np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) / np.array([[1.0], [1.0], [np.sqrt(2)]])
+    return Inspection(
+        task="reach",
+        replay=Replay(extract_geometry(scene.model), positions, quaternions, time_s, which),
+        demonstration_ids=("ann 1", "ann 2", "bob 漢"),
+        demonstration_paths=rng.normal(0, 0.3, (3, 11, 3)),
+        alternative_paths=rng.normal(0, 0.3, (40, 11, 3)),
+        alternative_log_weights=log_weights[:40],
+        curves=curves,
+        map=density_map(("effort", "height"), ("rad²", "m"), features, mine, np.array([0.3, 1.5])),
+        theta_labels=theta_labels(thetas, ["effort", "height"]),
+        theta_meaning=theta_meaning(thetas),
+        posteriors={
+            "boltzmann": np.array([[1 / 3] * 3, [0.5, 0.3, 0.2], [0.6, 0.3, 0.1], [0.7, 0.2, 0.1]]),
+            "less": np.array([[1 / 3] * 3, [0.2, 0.6, 0.2], [0.1, 0.8, 0.1], [0.05, 0.9, 0.05]]),
+        },
+        summary="# reach\nThree demonstrations, 200 alternatives. ≈ 漢字 █",
+    )
+
+
+@pytest.fixture(scope="module")
+def recording(inspection, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "inspect.rrd"
+    write_inspection(path, inspection)
+    return path
+
+
+@pytest.fixture(scope="module")
+def chunks(recording) -> dict:
+    """Entity path -> the record batches logged there."""
+    found: dict = {}
+    for chunk in RrdReader(recording).stream():
+        found.setdefault(chunk.entity_path, []).append(chunk)
+    return found
+
+
+def cli(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [RERUN, *map(str, arguments)]
+    return subprocess.run(command, env=quiet_environment(), capture_output=True, text=True, timeout=60, check=False)
+
+
+def column(chunk, component: str) -> list:
+    batch = chunk.to_record_batch()
+    name = next(name for name in batch.schema.names if name.endswith(f":{component}"))
+    return batch.column(name).to_pylist()
+
+
+def test_shapes_and_paths_and_charts_are_all_there(chunks, inspection):
+    expected = {
+        "/scene/bodies/world/floor": "Boxes3D:half_sizes",
+        "/scene/bodies/table/board": "Boxes3D:half_sizes",
+        "/scene/bodies/base/foot": "Cylinders3D:lengths",
+        "/scene/bodies/upper/tube": "Capsules3D:lengths",
+        "/scene/bodies/fore/egg": "Ellipsoids3D:half_sizes",
+        "/scene/bodies/fore/ball": "Ellipsoids3D:half_sizes",
+        "/scene/bodies/fore/wedge": "Mesh3D:vertex_positions",
+        "/scene/alternatives": "LineStrips3D:strips",
+        "/scene/demonstrations": "LineStrips3D:strips",
+        "/density/effort/alternatives": "LineStrips2D:strips",
+        "/density/height/weighted_by_less": "LineStrips2D:strips",
+        "/map/density": "Image:buffer",
+        "/map/demonstrations": "Points2D:positions",
+        "/posterior/boltzmann/final": "LineStrips2D:strips",
+        "/posterior/names": "Points2D:labels",
+        "/summary": "TextDocument:text",
+    }
+    for entity, component in expected.items():
+        (chunk,) = chunks[entity]
+        assert chunk.is_static, entity
+        assert component in chunk.to_record_batch().schema.names, (entity, chunk.to_record_batch().schema.names)
+    assert len(column(chunks["/scene/alternatives"][0], "strips")[0]) == 40
+    assert len(column(chunks["/scene/demonstrations"][0], "strips")[0]) == 3
+
+
+def test_a_body_moves_as_replayed_and_what_rests_is_logged_once(chunks, inspection):
+    (chunk,) = chunks["/scene/bodies/fore"]
+    assert chunk.num_rows == len(inspection.replay.time_s) == 3 * 51
+    body = inspection.replay.geometry.body_names.index("fore")
+    logged = np.array(column(chunk, "translation"))[:, 0]
+    np.testing.assert_allclose(logged, inspection.replay.body_positions[:, body], atol=1e-7)
+    xyzw = np.array(column(chunk, "quaternion"))[:, 0]
+    np.testing.assert_allclose(xyzw[:, [3, 0, 1, 2]], inspection.replay.body_quaternions[:, body], atol=1e-7)
+    seconds = chunk.to_record_batch().column(TIMELINE).cast("int64").to_numpy() / 1e9
+    np.testing.assert_allclose(seconds, inspection.replay.time_s, atol=1e-9)
+    assert chunks["/scene/bodies/table"][0].is_static
+
+
+def test_a_capsule_starts_at_its_lower_cap(chunks):
+    (chunk,) = chunks["/scene/bodies/upper/tube"]
+    # along x from the body's origin: Rerun puts the start of the axis at the translation
+    assert column(chunk, "lengths")[0] == pytest.approx([0.3])
+    foot = np.array(column(chunk, "translations")[0][0])
+    x, y, z, w = column(chunk, "quaternions")[0][0]
+    axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+    np.testing.assert_allclose(sorted([foot[0], (foot + 0.3 * axis)[0]]), [0.0, 0.3], atol=1e-6)
+
+
+def test_bars_are_as_long_as_their_probabilities(chunks, inspection):
+    chart = page(inspection)
+    assert chart.full == 1.0
+    assert [inspection.theta_labels[k] for k in chart.order] == ["height", "effort", "effort + height"]
+    (chunk,) = chunks["/posterior/less/bars"]
+    assert chunk.num_rows == 4
+    for step, (strips, radii) in enumerate(zip(column(chunk, "strips"), column(chunk, "radii"), strict=True)):
+        ends = np.array(strips)[:, :, 0]
+        lengths = ends[:, 1] - ends[:, 0] + 2 * np.array(radii)
+        np.testing.assert_allclose(
+            lengths / chart.full_length, inspection.posteriors["less"][step][chart.order], atol=1e-5
+        )
+        np.testing.assert_allclose(ends[:, 0] - np.array(radii), chart.left(1), atol=1e-3)
+    seconds = chunk.to_record_batch().column(TIMELINE).cast("int64").to_numpy() / 1e9
+    np.testing.assert_allclose(seconds, [0.0, 2.0, 3.5, 7.0])
+
+
+def test_a_long_list_of_hypotheses_ends_with_the_rest_together(inspection):
+    posterior = np.full((4, 50), 0.01)
+    posterior[:, :2] = 0.3, 0.22
+    many = dataclasses.replace(
+        inspection, theta_labels=tuple(f"theta {k}" for k in range(50)), posteriors={"less": posterior}
+    )
+    chart = page(many)
+    values = chart.row_values(posterior[-1])
+    assert (len(chart.order), chart.others, values.size) == (20, 30, 21)
+    assert values[-1] == pytest.approx(0.30)
+    assert chart.full == 0.5
+
+
+def test_text_has_the_numbers_and_only_characters_that_can_be_drawn(chunks):
+    text = column(chunks["/summary"][0], "text")[0][0]
+    assert text.startswith("# reach\nThree demonstrations, 200 alternatives. ≈ ?? ?")
+    assert "| height | 0.200 | 0.900 |" in text
+    assert column(chunks["/scene/playing/end"][0], "labels")[2] == ["bob ?"]
+
+
+def test_two_writes_are_equal_and_whole(recording, inspection, tmp_path):
+    again = tmp_path / "inspect.rrd"
+    again.write_text("an older one")
+    write_inspection(again, inspection)
+    compared = cli("rrd", "compare", recording, again)
+    assert compared.returncode == 0, compared.stderr
+    verified = cli("rrd", "verify", again)
+    assert verified.returncode == 0, verified.stderr
+    assert list(tmp_path.iterdir()) == [again]
+    assert again.stat().st_size < 2_000_000
+
+
+def test_another_inspection_is_told_apart(recording, inspection, tmp_path):
+    other = {**inspection.posteriors, "less": np.roll(inspection.posteriors["less"], 1, axis=1)}
+    write_inspection(tmp_path / "other.rrd", dataclasses.replace(inspection, posteriors=other))
+    assert cli("rrd", "compare", recording, tmp_path / "other.rrd").returncode != 0
+
+
+def test_the_layout_is_inside(recording):
+    reader = RrdReader(recording)
+    assert [(store.application_id, store.recording_id) for store in reader.recordings()] == [
+        ("lessbench reach", "reach")
+    ]
+    (blueprint,) = reader.blueprints()
+    assert blueprint.application_id == "lessbench reach"
+
+
+def test_an_interrupted_write_leaves_the_old_file(inspection, tmp_path, monkeypatch):
+    path = tmp_path / "inspect.rrd"
+    path.write_text("an older one")
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pipeline.stores.viewer_posteriors.log_posteriors", stop)
+    with pytest.raises(KeyboardInterrupt):
+        write_inspection(path, inspection)
+    assert path.read_text() == "an older one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"demonstration_paths": np.zeros((2, 11, 3))}, r"demonstration_paths must have shape \(3, any, 3\)"),
+        ({"posteriors": {"less": np.zeros((3, 3))}}, r"posteriors\['less'\] must have shape \(4, 3\); got \(3, 3\)"),
+        ({"alternative_paths": np.full((40, 11, 3), np.nan)}, "alternative_paths must be finite"),
+        ({"curves": ()}, "at least one"),
+    ],
+)
+def test_an_inspection_that_does_not_fit_together_is_refused(inspection, change, match):
+    with pytest.raises(ArgumentError, match=match):
+        dataclasses.replace(inspection, **change)
+
+
+def test_no_recording_and_no_display_are_said_plainly(recording, tmp_path, monkeypatch):
+    with pytest.raises(StageError, match="does not exist; `dvc repro`"):
+        open_viewer(tmp_path / "inspect.rrd")
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(StageError, match=r"no display here.*run `rerun inspect.rrd` there"):
+        open_viewer(recording)
+
+
+def test_the_viewer_is_local_and_quiet_and_gone_afterwards(recording, tmp_path, monkeypatch):
+    seen = tmp_path / "seen"
+    fake = tmp_path / "viewer"
+    fake.write_text(f'#!/bin/sh\necho "$$ $CI $HTTPS_PROXY $@" > {seen}\nexit 3\n')
+    fake.chmod(0o755)
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("pipeline.stores.viewer.viewer_command", lambda: [str(fake), *viewer_command()[1:]])
+    with pytest.raises(StageError, match="status 3"):
+        open_viewer(recording)
+    pid, said = seen.read_text().split(" ", 1)
+    assert said.split() == [
+        "true", "http://127.0.0.1:9", "--bind", "127.0.0.1", "--port", "auto", "--hide-welcome-screen", str(recording),
+    ]  # fmt: skip
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid), 0)
+
+
+def test_no_view_reports_an_error(recording, tmp_path):
+    if not any(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json")):
+        pytest.skip("no software Vulkan here (apt-get install mesa-vulkan-drivers), so no picture without a screen")
+    spec = importlib.util.spec_from_file_location("take_pictures", ROOT / "docs" / "take_pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    pictures = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pictures)
+    with pictures.headless_viewer(recording) as viewer:
+        viewer.set_time(timeline=TIMELINE, duration=3.0, play_state="paused")
+        state = viewer.get_state()
+        assert len(state.views) == 6
+        assert [view.reports for view in state.views if view.reports] == []
+        viewer.save_screenshot(str(tmp_path / "x.png"))
+    assert (tmp_path / "x.png").stat().st_size > 50_000
+
+
+def test_every_model_has_its_own_color():
+    names = (*palette.MODELS, "path-size", "other")
+    colors = [palette.model_color(name, names) for name in names]
+    assert len(set(colors)) == len(names)
+    assert palette.DEMONSTRATION not in colors
+
+
+def test_the_scales_run_from_dark_to_light():
+    for scale in (palette.sequential, palette.path_colors):
+        luma = scale(np.linspace(-1, 1, 50), -1.0, 1.0) @ np.array([0.2126, 0.7152, 0.0722])
+        assert (np.diff(luma) > 0).all()
+        assert scale(np.array([2.0]), -1.0, 1.0).tolist() == scale(np.array([1.0]), -1.0, 1.0).tolist()
+        assert len(np.unique(scale(np.zeros(3), 0.0, 0.0), axis=0)) == 1
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [(0.0, 1.0, [0, 0.25, 0.5, 0.75, 1]), (-0.7, 7.1, [0, 2, 4, 6]), (-3.0, 33.0, [0, 10, 20, 30])],
+)
+def test_ticks_are_round_numbers(low, high, expected):
+    assert ticks(low, high).tolist() == expected
+    assert not re.search("-0$", f"{ticks(low, high)[0]:g}")
+
+
+def test_greek_and_fractions_are_drawn_and_the_unknown_is_marked():
+    assert drawable("θ = ½ rad², Zoë\n") == "θ = ½ rad², Zoë\n"
+    assert drawable("漢\t█") == "???"
