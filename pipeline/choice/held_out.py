@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pipeline.choice.checks import FloatArray, read_only
 from pipeline.choice.inference import checked_prior
 from pipeline.choice.likelihood import log_likelihood
-from pipeline.choice.logspace import log_sum_exp
+from pipeline.choice.logspace import log_sum_exp, peak
 from pipeline.choice.models import Model
 from pipeline.errors import ArgumentError
 
@@ -107,11 +107,12 @@ def held_out_from(log_likelihoods: ArrayLike, log_prior: ArrayLike | None = None
             f"demonstrations: log likelihoods of shape {likelihoods.shape}; a held-out score needs two or more "
             "demonstrations, (n, K, B) without NaN."
         )
+    relative = likelihoods - peak(likelihoods, axis=(1, 2))
     # Sums before and after each demonstration: subtracting it from the total would cancel digits.
     before = np.zeros_like(likelihoods)
-    np.cumsum(likelihoods[:-1], axis=0, out=before[1:])
+    np.cumsum(relative[:-1], axis=0, out=before[1:])
     after = np.zeros_like(likelihoods)
-    after[:-1] = np.cumsum(likelihoods[:0:-1], axis=0)[::-1]
+    after[:-1] = np.cumsum(relative[:0:-1], axis=0)[::-1]
     log_others = checked_prior(log_prior, likelihoods.shape[1:]) + before + after
     return HeldOutScore(log_sum_exp(log_others + likelihoods, axis=(1, 2)) - log_sum_exp(log_others, axis=(1, 2)))
 

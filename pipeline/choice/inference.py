@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.choice.checks import FloatArray, inverse_temperatures, matrix, read_only
 from pipeline.choice.likelihood import ChoiceSet, log_likelihood
-from pipeline.choice.logspace import log_sum_exp, normalised
+from pipeline.choice.logspace import log_sum_exp, normalised, peak
 from pipeline.choice.models import Model
 from pipeline.errors import ArgumentError
 
@@ -149,7 +149,9 @@ def posterior_from(
             f"log_likelihoods has shape {likelihoods.shape}; (n, {shape[0]}, {shape[1]}) or their sum "
             f"{shape} without NaN is needed."
         )
-    log_joint = checked_prior(log_prior, shape) + likelihoods.reshape(-1, *shape).sum(axis=0)
+    likelihoods = likelihoods.reshape(-1, *shape)
+    # A far demonstration is improbable under every hypothesis; what they share would cost the others' digits.
+    log_joint = checked_prior(log_prior, shape) + (likelihoods - peak(likelihoods, axis=(1, 2))).sum(axis=0)
     if not np.max(log_joint) > -np.inf:
         raise ArgumentError("log_prior excludes every hypothesis under which the demonstrations are possible.")
     return Posterior(theta, beta, normalised(log_joint))

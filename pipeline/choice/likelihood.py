@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -124,14 +125,25 @@ class ChoiceSet:
         return cls(features, model.weigh(compared), theta, beta, similarity)
 
     def utilities(self, features: FloatArray) -> FloatArray:
-        """(K B, M) beta theta . (phi - phi_0), a constant phi_0 for all: rewards of nearby features keep their digits.
+        """(K B, M) beta theta . phi, less that of the hypothesis's best alternative: small numbers keep their digits."""
+        gains = self._rewards(features) - self._best_rewards[:, None]
+        return np.asarray((gains[:, None, :] * self.betas[:, None]).reshape(-1, len(features)))
 
-        phi_0 is the smallest of each feature over the alternatives: it does not depend on their order.
-        """
-        shifted = features - self.features.min(axis=0)
+    def _rewards(self, features: FloatArray) -> FloatArray:
+        """(K, M) theta . (phi - phi_0) with phi_0 the least of each feature: a common offset costs no digits."""
         # einsum and not BLAS, whose sums depend on the number of threads.
-        rewards = np.einsum("kf,mf->km", self.thetas, shifted)
-        return np.asarray((rewards[:, None, :] * self.betas[:, None]).reshape(-1, len(features)))
+        return np.asarray(np.einsum("kf,mf->km", self.thetas, features - self._origin))
+
+    @cached_property
+    def _origin(self) -> FloatArray:
+        return np.asarray(self.features.min(axis=0))
+
+    @cached_property
+    def _best_rewards(self) -> FloatArray:
+        best = np.full(len(self.thetas), -np.inf)
+        for block in self.blocks():
+            np.maximum(best, self._rewards(self.features[block]).max(axis=1), out=best)
+        return best
 
     def blocks(self) -> Iterator[slice]:
         """Slices of alternatives whose utilities fit into one block."""

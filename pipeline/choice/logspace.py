@@ -9,11 +9,15 @@ from pipeline.choice.checks import FloatArray
 
 def log_sum_exp(values: FloatArray, axis: int | tuple[int, ...] | None = None) -> FloatArray:
     """log sum exp(values) along `axis`; -inf where every term is -inf, and never an overflow."""
-    peak = np.max(values, axis=axis, keepdims=True)
-    # exp(-inf - -inf) would be NaN.
-    shift = np.where(np.isfinite(peak), peak, 0.0)
+    shift = peak(values, axis)
     total = np.sum(np.exp(values - shift), axis=axis, keepdims=True)
     return np.asarray(np.squeeze(log(total) + shift, axis=axis))
+
+
+def peak(values: FloatArray, axis: int | tuple[int, ...] | None = None) -> FloatArray:
+    """The largest of `values` along `axis`, which is kept; 0 where all are -inf, as -inf - -inf would be NaN."""
+    largest = np.max(values, axis=axis, keepdims=True)
+    return np.asarray(np.where(np.isfinite(largest), largest, 0.0))
 
 
 def log(values: FloatArray) -> FloatArray:

@@ -87,9 +87,9 @@ class Boltzmann(_Weighing):
 
     def weigh(self, compared: Any) -> WeightedSet:
         """All weights are one, with or without a joining trajectory."""
-        log_w = read_only(np.zeros(compared.shape[0] if hasattr(compared, "shape") else len(compared)))
-        if len(log_w) == 0:
-            matrix("features", compared)
+        # Weights that are all one need no content: a sparse link incidence matrix will do.
+        count = int(compared.shape[0]) if hasattr(compared, "tocsr") else len(matrix("features", compared))
+        log_w = read_only(np.zeros(count))
         return WeightedSet(log_w, lambda row: (log_w, 0.0))
 
 
