@@ -72,10 +72,11 @@ def test_a_geom_without_a_solid_form_is_named():
 def test_poses_are_those_of_the_arm_by_hand(gantry):
     positions, quaternions = body_poses(gantry, np.array([[0.5, 0.0, 0.0], [0.5, np.pi / 2, 0.0]]))
     names = extract_geometry(gantry.model).body_names
-    hook, parcel = names.index("hook"), names.index("parcel")
+    hook, parcel, thumb = (names.index(name) for name in ("hook", "parcel", "thumb"))
     np.testing.assert_allclose(positions[:, hook], [[1.2, 0, 0.5], [0.5, 0.7, 0.5]], atol=1e-12)
     np.testing.assert_allclose(quaternions[1, hook], [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-12)
-    # what the waypoints do not move stays where the keyframe has it
+    # what the waypoints do not move stays where the keyframe has it: the grip at 0.7 rad about x
+    np.testing.assert_allclose(quaternions[0, thumb], [np.cos(0.35), np.sin(0.35), 0, 0], atol=1e-12)
     np.testing.assert_allclose(positions[:, parcel], [[3, 3, 0.1]] * 2, atol=1e-12)
 
 

@@ -234,6 +234,13 @@ def test_another_inspection_is_told_apart(recording, inspection, tmp_path):
     assert cli("rrd", "compare", recording, tmp_path / "other.rrd").returncode != 0
 
 
+def test_nothing_inside_says_when_it_was_written(chunks):
+    # `rerun rrd compare` does not look at properties
+    assert [entity for entity in chunks if entity.startswith("/__properties")] == ["/__properties/task"]
+    timelines = {name for found in chunks.values() for chunk in found for name in chunk.timeline_names}
+    assert timelines == {TIMELINE}
+
+
 def test_the_layout_is_inside(recording):
     reader = RrdReader(recording)
     assert [(store.application_id, store.recording_id) for store in reader.recordings()] == [
