@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ParameterError, one_of
-from pipeline.replay.replay import Motion, replay
+from pipeline.replay.replay import Motion
 from pipeline.replay.scene import Scene
 from pipeline.trajectories.measures import squared_steps, summed_closeness, summed_height
 
@@ -23,7 +23,7 @@ ARGUMENTS = {"efficiency": set[str](), "height": set[str](), "proximity": {"obje
 
 @dataclass(frozen=True)
 class Preferences:
-    """Cost terms over trajectories: calling it with (N, T, J) waypoints gives (N, F) raw terms, in the order of `specs`.
+    """Cost terms of replayed trajectories, in the order of `specs`.
 
     Attributes:
         scene: where the trajectories are replayed.
@@ -47,13 +47,9 @@ class Preferences:
         """The F names."""
         return tuple(self.specs)
 
-    def __call__(self, waypoints: Array) -> Array:
-        """Raw cost terms (N, F) of (N, T, J) waypoints."""
-        parts = [
-            np.stack([_term(motion, spec) for spec in self.specs.values()], axis=1)
-            for motion in replay(self.scene, waypoints)
-        ]
-        return np.concatenate(parts)
+    def terms(self, motion: Motion) -> Array:
+        """Raw cost terms (n, F) of the n trajectories of a replay."""
+        return np.stack([_term(motion, spec) for spec in self.specs.values()], axis=1)
 
 
 def _term(motion: Motion, spec: Mapping[str, object]) -> Array:

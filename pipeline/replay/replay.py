@@ -107,35 +107,53 @@ def body_positions(scene: Scene, waypoints: Array, names: Sequence[str]) -> dict
     return positions
 
 
+class Surface:
+    """The top of a site of type box, which nothing that moves may go under, within its extent.
+
+    Its top is its face towards its own +z, its extent that of the box in x and y, with the scene at rest.
+
+    Args:
+        scene: from `load_scene`.
+        name: of the site.
+
+    Raises:
+        SceneError: the scene has no such site, or it is not a box.
+    """
+
+    def __init__(self, scene: Scene, name: str) -> None:
+        site = scene.site_id(name)
+        if scene.model.site_type[site] != mujoco.mjtGeom.mjGEOM_BOX:
+            raise SceneError(f"site {name!r} of {scene.path} is not a box; its size must give the surface's extent.")
+        data = mujoco.MjData(scene.model)
+        data.qpos[:] = scene.home
+        mujoco.mj_kinematics(scene.model, data)
+        self._centre, self._axes = np.array(data.site_xpos[site]), np.array(data.site_xmat[site]).reshape(3, 3)
+        self._size, self._bodies = np.array(scene.model.site_size[site]), scene.moving_bodies()
+
+    def cleared_by(self, motion: Motion) -> NDArray[np.bool_]:
+        """(n,) whether no moving body's origin is ever under the top within the extent."""
+        local = (motion._body_positions[:, :, self._bodies] - self._centre) @ self._axes
+        under = (local[..., 2] < self._size[2]) & (np.abs(local[..., :2]) <= self._size[:2]).all(axis=-1)
+        return np.asarray(~under.any(axis=(1, 2)))
+
+
 def clear_of(scene: Scene, waypoints: Array, surface: str = "table_top") -> NDArray[np.bool_]:
-    """Whether each trajectory stays above a surface: no moving body's origin is under its top within its extent.
+    """Whether each trajectory stays above a surface (see `Surface`).
 
     Args:
         scene: from `load_scene`.
         waypoints: (N, T, J) rad or m.
-        surface: a site of type box; its top is its face towards +z, its extent that of the box in x and y, in the
-            site's own frame with the scene at rest.
+        surface: name of its site.
 
     Returns:
         (N,) true where the trajectory stays clear.
 
     Raises:
         ArgumentError: see `replay`.
-        SceneError: the scene has no such site, or it is not a box.
+        SceneError: see `Surface`.
     """
-    site = scene.site_id(surface)
-    if scene.model.site_type[site] != int(mujoco.mjtGeom.mjGEOM_BOX):
-        raise SceneError(f"site {surface!r} of {scene.path} is not a box; its size must give the surface's extent.")
-    data = mujoco.MjData(scene.model)
-    data.qpos[:] = scene.home
-    mujoco.mj_kinematics(scene.model, data)
-    centre, axes = np.array(data.site_xpos[site]), np.array(data.site_xmat[site]).reshape(3, 3)
-    size, bodies = np.array(scene.model.site_size[site]), scene.moving_bodies()
-    clear = []
-    for motion in replay(scene, waypoints):
-        local = (motion._body_positions[:, :, bodies] - centre) @ axes
-        under = (local[..., 2] < size[2]) & (np.abs(local[..., :2]) <= size[:2]).all(axis=-1)
-        clear.append(~under.any(axis=(1, 2)))
+    top = Surface(scene, surface)
+    clear = [top.cleared_by(motion) for motion in replay(scene, waypoints)]
     return np.concatenate(clear) if clear else np.empty(0, dtype=bool)
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -99,12 +99,12 @@ class Scene:
         return index
 
 
-def load_scene(path: str | Path, *, end_effector: str, joints: Sequence[str] | None = None) -> Scene:
+def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Sequence[str] | None = None) -> Scene:
     """Read and compile an MJCF file.
 
     Args:
         path: the MJCF file; files it includes are found from its folder.
-        end_effector: body or site whose path matters.
+        end_effector: body or site whose path matters; None: the last body that the joints move.
         joints: names of the joints of a trajectory, in order; None: every hinge and slide of the scene, in the
             order of the file.
 
@@ -131,9 +131,12 @@ def load_scene(path: str | Path, *, end_effector: str, joints: Sequence[str] | N
         start=None if start is None else _frozen(start[addresses]),
         goal=None if goal is None else _frozen(goal[addresses]),
         home=_frozen(np.array(model.qpos0) if start is None else start),
-        end_effector=end_effector,
+        end_effector=end_effector or "",
         skeleton=skeleton_of(model),
     )
+    if end_effector is None:
+        last = model.body(int(scene.moving_bodies()[-1])).name
+        return replace(scene, end_effector=last)
     scene.place(end_effector)
     return scene
 

@@ -44,8 +44,8 @@ def _inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspec
     demonstrations = read_table(project.table(name, "demonstrations"), "demonstrations")
     alternatives = _anchored_alike(read_table(project.table(name, "alternatives"), "alternatives"))
     features = read_table(project.table(name, "features"), "features")
-    densities = read_table(project.table(name, "densities"), "densities").filter(
-        pl.col("alternative_id").is_in(alternatives["alternative_id"].implode())
+    densities = alternatives.select("alternative_id").join(
+        read_table(project.table(name, "densities"), "densities"), on="alternative_id", maintain_order="left"
     )
     scales = read_table(project.table(name, "scales"), "scales")
     posteriors = read_table(project.table(name, "posteriors"), "posteriors").filter(set_id=WORKING)

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.params import Sample
-from pipeline.stages.planning import Planning
+from pipeline.stages.planning import SEARCH, Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
@@ -86,18 +86,17 @@ def _sampler(planning: Planning, settings: Sample, anchor: Anchor, seed: int, na
 
 def _planner(planning: Planning, settings: Sample, anchor: Anchor, seed: int, name: str) -> Planner:
     """The planner, its paths planned once from `anchor`; they serve other anchors as deviations from the straight path."""
-    preferences = planning.preferences()
-    scales = planning.preference_scales(child_rng(seed, "planner", name, "scales"), Deformation())
+    scales = planning.preference_scales(child_rng(seed, "planner", name, "scales"), anchor, Deformation())
     count = settings.planner.paths
     planned = optimise_paths(
         [child_rng(seed, "planner", name, path) for path in range(count)],
         anchor,
-        random_weights(child_rng(seed, "planner", name, "weights"), count, len(preferences.names)),
-        lambda waypoints: preferences(waypoints) / scales,
+        random_weights(child_rng(seed, "planner", name, "weights"), count, len(scales)),
+        planning.scaled(scales),
         lower=planning.scene.lower,
         upper=planning.scene.upper,
-        admissible=planning.admissible,
         n_waypoints=planning.waypoints,
+        search=SEARCH,
     )
     return Planner(planned.waypoints, Deformation(settings.planner.width_rad, settings.deformation.modes))
 

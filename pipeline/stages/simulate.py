@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 import numpy as np
 
 from pipeline.errors import ParameterError, one_of
 from pipeline.stages.ingest import METADATA
-from pipeline.stages.planning import Planning
+from pipeline.stages.planning import SEARCH, Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
@@ -32,28 +31,32 @@ def run(project: Project, name: str) -> None:
     with recorded_run(project, "simulate", name) as record:
         scene = load_task_scene(project, task)
         planning = Planning(scene, task, project.params.ingest.waypoints)
-        preferences = planning.preferences()
-        scales = planning.preference_scales(child_rng(seed, "simulate", name, "scales"), Deformation())
+        preferences = planning.preferences
+        scales = planning.preference_scales(child_rng(seed, "simulate", name, "scales"), planning.anchor, Deformation())
         theta = np.array([settings.weights[name].get(term, 0.0) for term in preferences.names])
         people = draw_participants(
             child_rng(seed, "simulate", name), theta, settings.participants,
             spread_rad=settings.spread_rad, skill=settings.skill,
         )  # fmt: skip
-        limits: dict[str, Any] = {"lower": scene.lower, "upper": scene.upper, "admissible": planning.admissible}
         planned = optimise_paths(
             [child_rng(seed, "simulate", name, person.name, "plan") for person in people],
             planning.anchor,
             np.stack([person.theta for person in people]),
-            lambda waypoints: preferences(waypoints) / scales,
+            planning.scaled(scales),
+            lower=scene.lower,
+            upper=scene.upper,
             n_waypoints=planning.waypoints,
-            **limits,
+            search=SEARCH,
         )
         driver = Driver(scene.joints, tuple(scene.continuous.tolist()), settings.extra_joints)
         with folder_written_whole(project.datasets / name / "recordings") as folder:
             pairs = list(zip(people, planned.waypoints, strict=True))
             for place, (person, path) in enumerate(tracked(pairs, f"simulate {name}")):
                 rng = child_rng(seed, "simulate", name, person.name, "hand")
-                motion = demonstrate(rng, path, person.skill, Hand(), **limits)
+                motion = demonstrate(
+                    rng, path, person.skill, Hand(),
+                    lower=scene.lower, upper=scene.upper, admissible=planning.admissible,
+                )  # fmt: skip
                 log = driver_messages(rng, motion, driver, FIRST_NS + place * SLOT_NS)
                 truth = dict(zip(preferences.names, (-person.theta / scales).tolist(), strict=True))
                 about = {

@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.paths import (
-    Admissible,
     Anchor,
     Array,
     frozen,
@@ -26,8 +26,8 @@ from pipeline.trajectories.paths import (
     within_limits,
 )
 
-Costs = Callable[[Array], Array]
-"""(N, T, J) waypoints to (N, F) cost terms, scaled so that one weight means as much for each."""
+Assess = Callable[[Array], tuple[Array, NDArray[np.bool_]]]
+"""(N, T, J) waypoints to (N, F) cost terms, scaled so that one weight means as much for each, and (N,) admissible."""
 
 
 @dataclass(frozen=True)
@@ -78,17 +78,16 @@ def optimise_paths(
     rngs: Sequence[np.random.Generator],
     anchor: Anchor,
     weights: Array,
-    costs: Costs,
+    assess: Assess,
     *,
     lower: Array,
     upper: Array,
-    admissible: Admissible,
     n_waypoints: int,
     search: Search = Search(),
 ) -> Optimised:
     """Find, for each row of `weights`, an admissible path of low weighted cost from start to goal.
 
-    Minimises weights_p . costs(path). A candidate that leaves the limits or is inadmissible takes no part in the
+    Minimises weights_p . cost terms(path). A candidate that leaves the limits or is inadmissible takes no part in the
     recombination. Each weighting has its own random stream and shares nothing but the batch, so a further one
     changes no other.
 
@@ -96,9 +95,9 @@ def optimise_paths(
         rngs: P generators.
         anchor: start and goal, joint positions (J,).
         weights: (P, F) weight of each cost term, usually >= 0.
-        costs: (N, T, J) -> (N, F) cost terms.
+        assess: (N, T, J) -> (N, F) cost terms and (N,) whether the scene allows the path; sees only paths within
+            the limits. One function, so that each path is replayed once.
         lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
-        admissible: (N, T, J) -> (N,) booleans; sees only paths within the limits.
         n_waypoints: T.
         search: how hard to search.
 
@@ -120,10 +119,9 @@ def optimise_paths(
         values = np.full(len(flat), np.inf)
         good = within_limits(flat, lower, upper)
         if good.any():
-            good[good] = admissible(flat[good])
-        if good.any():
             owner = np.repeat(np.arange(len(z)), z.shape[1])[good]
-            values[good] = (weights[owner] * costs(flat[good])).sum(axis=1)
+            terms, allowed = assess(flat[good])
+            values[good] = np.where(allowed, (weights[owner] * terms).sum(axis=1), np.inf)
         return paths, values.reshape(z.shape[:2])
 
     shape = (search.modes, anchor.start.size)

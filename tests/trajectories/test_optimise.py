@@ -26,10 +26,13 @@ def anything(waypoints: Array) -> Array:
 
 def optimise(rows: list[int], **options: object) -> Optimised:
     arguments: dict[str, object] = {
-        "lower": -FREE, "upper": FREE, "admissible": anything, "n_waypoints": T, "search": Search(iterations=150),
+        "lower": -FREE, "upper": FREE, "n_waypoints": T, "search": Search(iterations=150),
     }  # fmt: skip
+    admissible = options.pop("admissible", anything)
     rngs = [child_rng(0, "optimise", row) for row in rows]
-    return optimise_paths(rngs, ANCHOR, WEIGHTS[rows], costs, **(arguments | options))  # type: ignore[arg-type]
+    return optimise_paths(
+        rngs, ANCHOR, WEIGHTS[rows], lambda w: (costs(w), admissible(w)), **(arguments | options)  # type: ignore[arg-type, operator]
+    )  # fmt: skip
 
 
 def closed_form(weights: Array, modes: int) -> float:
@@ -89,8 +92,8 @@ def test_random_weights_are_evenly_spread_directions() -> None:
 def test_arguments_are_checked() -> None:
     with pytest.raises(ArgumentError, match="2 rngs"):
         optimise_paths(
-            [child_rng(0), child_rng(1)], ANCHOR, WEIGHTS, costs,
-            lower=-FREE, upper=FREE, admissible=anything, n_waypoints=T,
+            [child_rng(0), child_rng(1)], ANCHOR, WEIGHTS, lambda w: (costs(w), anything(w)),
+            lower=-FREE, upper=FREE, n_waypoints=T,
         )  # fmt: skip
     with pytest.raises(ArgumentError, match=r"anchor.start has joint 2"):
         optimise([0], upper=np.array([2.0, 0.5, 2.0]))
