@@ -83,6 +83,16 @@ def test_literal_with_an_inner_maximum() -> None:
         assert slow_choice.literal_score(rows, chosen.value * factor) < chosen.log_likelihood
 
 
+@pytest.mark.parametrize("seed", [28, 50, 53, 81])
+def test_two_stationary_points_within_one_step_of_the_grid(seed: int) -> None:
+    """A minimum lies beside the maximum, so that the slope has one sign at both ends of the first bracket."""
+    rows = np.random.default_rng(seed).normal(size=(6, 2))
+    distances = np.linalg.norm(rows[:, None] - rows, axis=-1)
+    scan = np.geomspace(distances[distances > 0].min(), distances.max(), 300)
+    chosen = select_bandwidth(rows, "literal")
+    assert chosen.log_likelihood >= max(slow_choice.literal_score(rows, sigma) for sigma in scan)
+
+
 def test_a_number_is_itself() -> None:
     chosen = select_bandwidth([[1.0]], 0.25)
     assert (chosen.value, chosen.log_likelihood, chosen.method, chosen.converged) == (0.25, None, "fixed", True)
