@@ -219,7 +219,7 @@ def _outside(choice: ChoiceSet, features: FloatArray, similarity: Any) -> Any:
 
 def _compared(name: str, similarity: Any, count: int) -> Any:
     """`similarity` as an array that can be indexed by rows, dense or sparse, one row per trajectory."""
-    array = similarity.tocsr() if hasattr(similarity, "tocsr") else np.asarray(similarity)
+    array = similarity.tocsr() if hasattr(similarity, "tocsr") else matrix(name, similarity)
     if array.ndim != 2 or array.shape[0] != count:
         raise ArgumentError(f"{name} has shape {array.shape}; two axes with {count} rows are needed.")
     return array

@@ -237,6 +237,7 @@ VALID = {"model": Boltzmann(), "demonstrations": [0], "alternatives": [[0.0, 1.0
             {"betas": [1e140], "thetas": [[1e140, 0.0]], "alternatives": [[1e140, 0], [0, 0]]},
             "beyond the largest double",
         ),
+        ({"similarity": [[0.0], [math.nan]]}, r"similarity contains nan at \[1, 0\]"),
         ({"similarity": [[0.0]]}, "similarity has shape [(]1, 1[)]; two axes with 2 rows"),
         ({"similarity": np.eye(2), "demonstration_similarity": np.eye(2)}, "leave it out"),
         ({"demonstrations": [[0.0, 0.0]], "similarity": np.eye(2)}, "give both or neither"),
