@@ -75,7 +75,7 @@ class _Score:
     @property
     def bounds(self) -> tuple[float, float]:
         """Every maximum lies between: there F sigma^2 is a weighted mean of squared distances."""
-        mean_nearest = float(self._counts @ self._nearest / self._counts.sum())
+        mean_nearest = float(np.sum(self._counts * self._nearest) / np.sum(self._counts))
         widest = float((np.ptp(self._rows, axis=0) ** 2).sum())
         return math.sqrt(0.25 * mean_nearest / self._rows.shape[1]), 2 * math.sqrt(widest)
 
@@ -85,7 +85,7 @@ class _Score:
         log_sums = np.concatenate(
             [self._log_sums(scored[i : i + _BLOCK], precision) for i in range(0, len(scored), _BLOCK)]
         )
-        mean = float(weights @ log_sums) / float(weights.sum())
+        mean = float(np.sum(weights * log_sums) / np.sum(weights))
         return float(self._rows.shape[1] * log_sigma - mean)
 
     def _log_sums(self, block: NDArray[np.intp], precision: float) -> Array:
@@ -97,6 +97,6 @@ class _Score:
         stop = int(np.searchsorted(first, first[block[-1]] + reach, side="right"))
         squares = cdist(self._rows[block], self._rows[start:stop], "sqeuclidean")
         squares[np.arange(len(block)), block - start] = np.inf
-        # relative to the nearest row, whose kernel is then 1: no sum underflows
-        sums = np.exp(-precision * (squares - nearest[:, None])) @ self._counts[start:stop]
+        # relative to the nearest row, whose kernel is then 1: no sum underflows; einsum, as BLAS depends on its threads
+        sums = np.einsum("ij,j->i", np.exp(-precision * (squares - nearest[:, None])), self._counts[start:stop])
         return np.asarray(np.log(sums) - precision * nearest)

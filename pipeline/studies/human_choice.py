@@ -1,0 +1,254 @@
+"""Section 3 of the paper: which model predicts people's choices once similar options are added?
+
+A control group chooses among dissimilar options, one per group. Their shares give each group's reward,
+exp R_g proportional to its share. In the experimental trial a group may have several options, alike in reward and in
+features, and each model predicts the shares: Boltzmann for every option alone, LESS for options that share density.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.choice import LESS, Boltzmann, log_probabilities
+from pipeline.errors import TableError, one_of
+from pipeline.studies.goodness_of_fit import chi_square_test, wellek_minimum_epsilon
+
+COLUMNS = ("participant", "trial", "choice", "group")
+TRIALS = ("control", "experimental")
+
+# Similarity is by group alone: options of a group coincide, those of different groups are out of the kernel's reach.
+_MODELS = (Boltzmann(), LESS(bandwidth=1.0))
+_FAR = 1000.0  # in bandwidths; the kernel exp(-10^6) is exactly zero
+
+
+@dataclass(frozen=True, eq=False)
+class HumanChoiceStudy:
+    """Tables of the study.
+
+    Attributes:
+        control: per group: `group`, `count`, `share` in the control trial.
+        predictions: `comparison` (`groups`: all groups; `options`: all options; `within`: the options of one group),
+            `group`, `option` (null in `groups`), `model`, `count`, `observed` (share), `predicted` (probability).
+        tests: per comparison over `groups` and `options` and per model: `comparison`, `model`, `n`, `chi_square`,
+            `degrees_of_freedom`, `p_value`, `minimum_epsilon` (Wellek), `alpha`.
+    """
+
+    control: pl.DataFrame
+    predictions: pl.DataFrame
+    tests: pl.DataFrame
+
+
+def analyse_choices(
+    choices: pl.DataFrame, options: Mapping[str, Sequence[str]] | None = None, alpha: float = 0.05
+) -> HumanChoiceStudy:
+    """Compare the experimental trial's choices with what each model predicts from the control trial.
+
+    Args:
+        choices: one row per participant: `participant`, `trial` (`control`, `experimental`), `choice` (any label) and
+            `group` (any label).
+        options: the options on offer in the experimental trial, per group; those chosen at least once if not given.
+        alpha: level of Wellek's test.
+
+    Raises:
+        TableError: the table is not of this kind; the message says which row or label.
+        ArgumentError: alpha is out of range.
+    """
+    _check_rows(choices)
+    control = choices.filter(pl.col("trial") == "control")
+    experimental = choices.filter(pl.col("trial") == "experimental")
+    shares = _control_shares(control)
+    offered = _offered(experimental, list(shares["group"]), options)
+    counts = _counts(offered, experimental)
+    predictions = pl.concat([_predictions(offered, counts, shares, model) for model in _MODELS])
+    tests = [
+        _test(predictions.filter((pl.col("comparison") == comparison) & (pl.col("model") == model.name)), alpha)
+        for comparison in ("groups", "options")
+        for model in _MODELS
+    ]
+    return HumanChoiceStudy(shares, predictions, pl.concat(tests))
+
+
+def compare_with_paper(study: HumanChoiceStudy) -> pl.DataFrame:
+    """The numbers the paper prints beside ours, for its own 77 choices.
+
+    Returns:
+        `quantity`, `comparison`, `model` (null for observations), `printed`, `value`, `agrees` (ours rounds to the
+        printed figure) and `note`.
+    """
+    observed = {row["group"]: row["observed"] for row in study.predictions.filter(_rows_of("groups")).to_dicts()}
+    control = {row["group"]: row["share"] for row in study.control.to_dicts()}
+    rows: list[tuple[str, str, str | None, str, float, str]] = [
+        ("control share of left", "groups", None, "0.475", control["left"], ""),
+        ("observed share of left", "groups", None, "0.41", observed["left"], ""),
+    ]
+    for (comparison, model), printed in _PAPER.items():
+        fitted = study.tests.filter(_rows_of(comparison), model=model).row(0, named=True)
+        if comparison == "groups":
+            left = study.predictions.filter(_rows_of("groups"), model=model, group="left")["predicted"].item()
+            rows.append(("predicted share of left", comparison, model, printed["predicted"], left, ""))
+        for quantity in ("chi_square", "p_value", "minimum_epsilon", "degrees_of_freedom"):
+            if quantity in printed:
+                note = _MISPRINT if (comparison, quantity) == ("options", "degrees_of_freedom") else ""
+                rows.append((quantity, comparison, model, printed[quantity], float(fitted[quantity]), note))
+    columns = ("quantity", "comparison", "model", "printed", "value", "note")
+    table = pl.DataFrame(rows, schema=columns, orient="row")
+    agrees = [
+        abs(value - float(printed)) <= 0.5000001 * 10.0 ** -_decimals(printed) for _, _, _, printed, value, _ in rows
+    ]
+    return table.with_columns(agrees=pl.Series(agrees)).select(*columns[:-1], "agrees", "note")
+
+
+_MISPRINT = (
+    "the paper's 1 degree of freedom is a misprint: four options have 3, and the paper's p values are those of 3"
+)
+_PAPER: dict[tuple[str, str], dict[str, str]] = {
+    ("groups", "boltzmann"): {
+        "predicted": "0.23", "chi_square": "6.27", "degrees_of_freedom": "1", "minimum_epsilon": "0.39",
+    },
+    ("groups", "less"): {
+        "predicted": "0.475", "chi_square": "0.72", "degrees_of_freedom": "1", "p_value": "0.4", "minimum_epsilon": "0.22",
+    },
+    ("options", "boltzmann"): {"chi_square": "9.72", "degrees_of_freedom": "1", "minimum_epsilon": "0.36"},
+    ("options", "less"): {
+        "chi_square": "5.76", "degrees_of_freedom": "1", "p_value": "0.12", "minimum_epsilon": "0.29",
+    },
+}  # fmt: skip
+
+
+def _check_rows(choices: pl.DataFrame) -> None:
+    for name in COLUMNS:
+        if name not in choices.columns:
+            raise TableError(
+                f"choices lacks the column {name!r}; it has {', '.join(choices.columns)}, needed are {', '.join(COLUMNS)}."
+            )
+        if choices[name].null_count():
+            row = int(choices[name].is_null().arg_max() or 0)
+            raise TableError(
+                f"choices has no {name!r} in row {row + 1}; fill in every cell or leave the participant out."
+            )
+    for trial in choices["trial"].unique().to_list():
+        if trial not in TRIALS:
+            raise TableError(f"choices names the trial {trial!r}; allowed are {one_of(TRIALS)}.")
+    repeated = choices.filter(choices["participant"].is_duplicated())
+    if repeated.height:
+        raise TableError(
+            f"participant {repeated['participant'][0]!r} has more than one row; each takes part in one trial, with one choice."
+        )
+
+
+def _control_shares(control: pl.DataFrame) -> pl.DataFrame:
+    pairs = control.select("group", "choice").unique().sort("group", "choice")
+    several = pairs.filter(pairs["group"].is_duplicated())
+    if several.height:
+        raise TableError(
+            f"the group {several['group'][0]!r} has the options {', '.join(map(str, several['choice'][:2]))} in the control "
+            "trial; needed is one option per group there."
+        )
+    if pairs.height < 2:
+        raise TableError(f"the control trial has {pairs.height} groups that were chosen; needed are at least two.")
+    return (
+        control.group_by("group")
+        .len("count")
+        .sort("group")
+        .select("group", pl.col("count").cast(pl.Int64), share=pl.col("count") / pl.col("count").sum())
+    )
+
+
+def _offered(
+    experimental: pl.DataFrame, groups: list[object], options: Mapping[str, Sequence[str]] | None
+) -> pl.DataFrame:
+    chosen = experimental.select("group", option="choice").unique().sort("group", "option")
+    offered = chosen
+    if options is not None:
+        pairs = [(group, option) for group, members in options.items() for option in members]
+        offered = pl.DataFrame(pairs, schema=chosen.schema, orient="row").sort("group", "option")
+        unknown = chosen.join(offered, on=["group", "option"], how="anti")
+        if unknown.height:
+            group, option = unknown.row(0)
+            raise TableError(f"the choice {option!r} of the group {group!r} is not among the options on offer; add it.")
+    twice = offered.filter(offered["option"].is_duplicated())
+    if twice.height:
+        raise TableError(
+            f"the option {twice['option'][0]!r} appears more than once, or in two groups; it belongs to one."
+        )
+    missing = [group for group in groups if group not in offered["group"].to_list()]
+    if missing:
+        raise TableError(
+            f"the group {missing[0]!r} has no option in the experimental trial; if it was offered and nobody chose it, name "
+            "it in `options`."
+        )
+    extra = [group for group in offered["group"].to_list() if group not in groups]
+    if extra:
+        raise TableError(f"nobody chose the group {extra[0]!r} in the control trial, so its reward is unknown.")
+    if experimental.height == 0:
+        raise TableError("choices has no row of the experimental trial; there is nothing to compare.")
+    return offered
+
+
+def _counts(offered: pl.DataFrame, experimental: pl.DataFrame) -> NDArray[np.int64]:
+    tallies = experimental.group_by(option="choice").len("count")
+    joined = offered.join(tallies, on="option", how="left", maintain_order="left")
+    return joined["count"].fill_null(0).cast(pl.Int64).to_numpy()
+
+
+def _predictions(
+    offered: pl.DataFrame, counts: NDArray[np.int64], shares: pl.DataFrame, model: Boltzmann | LESS
+) -> pl.DataFrame:
+    group_of = offered["group"].to_list()
+    groups = shares["group"].to_list()
+    rewards = np.log([shares["share"][groups.index(group)] for group in group_of])
+    location = _FAR * np.array([[float(group == other) for other in groups] for group in group_of])
+    p = np.exp(log_probabilities(model, rewards[:, None], [1.0], 1.0, similarity=location))
+    options = offered.with_columns(count=pl.Series(counts), predicted=pl.Series(p))
+    by_group = options.group_by("group", maintain_order=True).agg(
+        pl.lit(None, dtype=offered.schema["option"]).alias("option"), pl.col("count").sum(), pl.col("predicted").sum()
+    )
+    within = options.filter(pl.len().over("group") > 1).with_columns(
+        predicted=pl.col("predicted") / pl.col("predicted").sum().over("group"),
+        total=pl.col("count").sum().over("group"),
+    )
+    everyone = pl.lit(int(counts.sum()), dtype=pl.Int64).alias("total")
+    parts = {"groups": by_group.with_columns(everyone), "options": options.with_columns(everyone), "within": within}
+    return pl.concat(
+        part.select(
+            pl.lit(name).alias("comparison"),
+            "group",
+            "option",
+            pl.lit(model.name).alias("model"),
+            "count",
+            # a group that nobody chose has no shares within
+            pl.when(pl.col("total") > 0).then(pl.col("count") / pl.col("total")).alias("observed"),
+            "predicted",
+        )
+        for name, part in parts.items()
+    )
+
+
+def _test(rows: pl.DataFrame, alpha: float) -> pl.DataFrame:
+    counts, p = rows["count"].to_numpy(), rows["predicted"].to_numpy()
+    fit = chi_square_test(counts, p)
+    return pl.DataFrame(
+        {
+            "comparison": rows["comparison"][0],
+            "model": rows["model"][0],
+            "n": int(counts.sum()),
+            "chi_square": fit.statistic,
+            "degrees_of_freedom": fit.degrees_of_freedom,
+            "p_value": fit.p_value,
+            "minimum_epsilon": wellek_minimum_epsilon(counts, p, alpha),
+            "alpha": alpha,
+        }
+    )
+
+
+def _rows_of(comparison: str) -> pl.Expr:
+    return pl.col("comparison") == comparison
+
+
+def _decimals(printed: str) -> int:
+    return len(printed.partition(".")[2])
