@@ -151,12 +151,10 @@ def _control_shares(control: pl.DataFrame) -> pl.DataFrame:
         )
     if pairs.height < 2:
         raise TableError(f"the control trial has {pairs.height} groups that were chosen; needed are at least two.")
-    return (
-        control.group_by("group")
-        .len("count")
-        .sort("group")
-        .select("group", pl.col("count").cast(pl.Int64), share=pl.col("count") / pl.col("count").sum())
-    )
+    counts = control.group_by("group").len("count").sort("group").with_columns(pl.col("count").cast(pl.Int64))
+    # numpy, because polars divides by a scalar as it multiplies by one over it
+    share = counts["count"].to_numpy() / counts["count"].sum()
+    return counts.with_columns(share=pl.Series(share))
 
 
 def _offered(
