@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.choice import AttributeRule, log_probabilities
 from pipeline.errors import ArgumentError, TableError
-from pipeline.studies.goodness_of_fit import chi_square_test
+from pipeline.studies.goodness_of_fit import chi_square_test, wellek_minimum_epsilon
 from pipeline.studies.human_choice import HumanChoiceStudy, analyse_choices, compare_with_paper
 
 CHOICES = Path(__file__).resolve().parents[2] / "datasets/studies/human_choice/choices.csv"
@@ -53,9 +53,13 @@ def test_the_split_is_the_only_one_that_gives_the_papers_statistics() -> None:
             for r2 in range(38 - left - r1):
                 counts = [left, r1, r2, 37 - left - r1 - r2]
                 if (
-                    round(left / 37, 2) == 0.41
+                    counts[2] == max(counts[1:])
+                    and round(left / 37, 2) == 0.41
                     and round(chi_square_test(counts, boltzmann).statistic, 2) == 9.72
                     and round(chi_square_test(counts, less).statistic, 2) == 5.76
+                    # chi-square sees only the sum of squares, which 3, 11, 8 shares; epsilon tells them apart
+                    and round(wellek_minimum_epsilon(counts, boltzmann), 2) == 0.36
+                    and round(wellek_minimum_epsilon(counts, less), 2) == 0.29
                 ):
                     fits.append(counts)
     assert fits == [[15, 5, 12, 5]]
