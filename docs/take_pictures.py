@@ -68,7 +68,7 @@ def headless_viewer(recording: Path, size: str = "1600x1000") -> Iterator[Viewer
         command = [*viewer_command(), "--headless", "--window-size", size, str(recording)]
         with log.open("wb") as out:
             environment = quiet_environment() | {"XDG_RUNTIME_DIR": folder}
-            process = subprocess.Popen(command, env=environment, stdout=out, stderr=out)  # noqa: S603
+            process = subprocess.Popen(command, env=environment, stdout=out, stderr=out)
         try:
             yield _connect(process, log)
         finally:

@@ -27,7 +27,7 @@ from pipeline.studies.inspection import (
 )
 
 Floats = NDArray[np.float64]
-PATHS = 300  # alternatives that are drawn; more would hide each other
+PATHS = 150  # alternatives that are drawn; more hide each other and the scene
 
 
 def run(project: Project, name: str) -> None:
@@ -151,7 +151,7 @@ def _summary(
         f"**{demonstrations.height} {origin} demonstrations** from `{task.recordings}`, "
         f"{alternatives.height:,} alternatives ({project.params.sample.sampler}), scene `{Path(task.scene).name}`.",
         "",
-        "| model | most probable cost | P | beta | all demonstrations |",
+        "| model | most probable cost | P | beta | thetas left |",
         "|---|---|---|---|---|",
     ]
     for model, steps in beliefs.items():
@@ -161,9 +161,11 @@ def _summary(
         effective = np.exp(entropy(final.marginal_theta))
         lines.append(
             f"| {model} | {labels[best]} | {final.marginal_theta[best]:.3f} | {beta:g} | "
-            f"about {effective:.1f} of {len(labels)} thetas left |"
+            f"{effective:.1f} of {len(labels)} |"
         )
     lines += [
+        "",
+        "All demonstrations together; thetas left: the exponential of the posterior's entropy.",
         "",
         f"Bandwidth of the working set: {bandwidth:.4f} in scaled features ({project.params.density.bandwidth}).",
         "",
