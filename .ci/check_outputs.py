@@ -10,14 +10,18 @@ import schemas
 from pipeline.params import load
 from pipeline.stores.catalog import ask
 from pipeline.stores.tables import read_table
+from pipeline.stores.viewer import quiet_environment
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLES = ("demonstrations", "rejected", "alternatives", "sampling", "features", "scales", "densities", "posteriors")
+TABLES = (
+    "demonstrations", "rejected", "alternatives", "sampling", "features", "scales", "densities", "posteriors", "held_out",
+)  # fmt: skip
 
 
 def main() -> None:
     """Exit with a sentence about the first thing that is wrong."""
     params = load(ROOT / "params.yaml")
+    rerun = Path(sys.executable).with_name("rerun")
     for task in params.tasks:
         folder = ROOT / "datasets" / task
         tables = {name: read_table(folder / f"{name}.parquet", name) for name in TABLES}
@@ -31,9 +35,11 @@ def main() -> None:
         totals = tables["posteriors"].group_by(groups).agg(pl.col("posterior").sum())
         expect(totals.height == (people + 1) * sets * len(params.infer.models), f"{task}: one posterior per question")
         expect((totals["posterior"] - 1).abs().max() < 1e-9, f"{task}: posteriors that sum to one")
+        scores = people * sets * len(params.infer.models)
+        expect(tables["held_out"].height == scores, f"{task}: one held-out score per demonstration, model and set")
         recording = folder / "inspect.rrd"
         expect(0 < recording.stat().st_size < 20_000_000, f"{task}: a recording under 20 MB")
-        subprocess.run([Path(sys.executable).with_name("rerun"), "rrd", "verify", recording], check=True)
+        subprocess.run([rerun, "rrd", "verify", recording], check=True, env=quiet_environment())
     known = set(ask(ROOT / "datasets" / "catalog.duckdb", "select table_name from duckdb_tables()")["table_name"])
     expect(set(TABLES) <= known <= set(schemas.names()), "a catalog of exactly the tables with a schema")
     print("all outputs are there and sound")

@@ -159,7 +159,9 @@ def new_task(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
     scene: Annotated[str, typer.Option(help="MJCF file with a keyframe `start` (and `goal`).")],
     recordings: Annotated[str, typer.Option(help="Folder of MCAP recordings.")],
-    end_effector: Annotated[str | None, typer.Option(help="Body or site whose path matters; else the last body.")] = None,
+    end_effector: Annotated[
+        str | None, typer.Option(help="Body or site whose path matters; else the last body.")
+    ] = None,
 ) -> None:
     """Write a task skeleton into params.yaml and say what to do next."""
     from pipeline.stages.new_task import add_task
