@@ -1,4 +1,7 @@
-"""Stage: the posterior over theta and beta under every model, for every set, each demonstration and all together."""
+"""Stage: the posterior over theta and beta under every model, for every set, each demonstration and all together.
+
+The same log likelihoods score how well each model predicts a demonstration from the others.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 
-from pipeline.choice import LESS, AttributeRule, Boltzmann, log_likelihood, posterior_from, theta_grid
+from pipeline.choice import LESS, AttributeRule, Boltzmann, held_out_from, log_likelihood, posterior_from, theta_grid
 from pipeline.choice.models import Model
 from pipeline.errors import StageError
 from pipeline.params import Infer, Task
@@ -19,7 +22,7 @@ Group = tuple[str, str, list[int]]  # demonstration_id, participant, rows of the
 
 
 def run(project: Project, name: str) -> None:
-    """Write posteriors.parquet of the task `name`."""
+    """Write posteriors.parquet and held_out.parquet of the task `name`."""
     task, settings = project.params.task(name), project.params.infer
     with recorded_run(project, "infer", name) as record:
         sources = [project.table(name, table) for table in ("demonstrations", "features", "scales", "densities")]
@@ -32,19 +35,20 @@ def run(project: Project, name: str) -> None:
         )
         groups = _groups(people)
         sets = bandwidths.partition_by("set_size", "set_id", maintain_order=True)
-        parts = []
+        posteriors, held_out = [], []
         for anchored in tracked(sets, f"infer {name}"):
             for label in settings.models:
                 values = _log_likelihoods(label, anchored, demonstrations, features, thetas, betas)
                 set_size, set_id = anchored.row(0, named=True)["set_size"], anchored.row(0, named=True)["set_id"]
-                columns = {"task": name, "model": label, "set_size": set_size, "set_id": set_id}
-                parts.append(
-                    _rows(groups, values, thetas, betas).with_columns(pl.lit(v).alias(c) for c, v in columns.items())
-                )
-        table = pl.concat(parts)
+                question = {"task": name, "model": label, "set_size": set_size, "set_id": set_id}
+                columns = [pl.lit(value).alias(column) for column, value in question.items()]
+                posteriors.append(_posteriors(groups, values, thetas, betas).with_columns(columns))
+                held_out.append(_held_out(people, values).with_columns(columns))
         provenance = project.provenance([task.thetas, settings], sources)
-        write_table(project.table(name, "posteriors"), "posteriors", table, provenance)
-        record.produced = f"{len(parts) * len(groups):,} posteriors over {len(thetas)} thetas x {len(betas)} betas"
+        write_table(project.table(name, "posteriors"), "posteriors", pl.concat(posteriors), provenance)
+        write_table(project.table(name, "held_out"), "held_out", pl.concat(held_out), provenance)
+        count = len(posteriors) * len(groups)
+        record.produced = f"{count:,} posteriors over {len(thetas)} thetas x {len(betas)} betas"
 
 
 def hypotheses(task: Task, settings: Infer) -> np.ndarray:
@@ -101,7 +105,7 @@ def _log_likelihoods(
     return values
 
 
-def _rows(groups: Sequence[Group], values: np.ndarray, thetas: np.ndarray, betas: np.ndarray) -> pl.DataFrame:
+def _posteriors(groups: Sequence[Group], values: np.ndarray, thetas: np.ndarray, betas: np.ndarray) -> pl.DataFrame:
     log_posterior = np.stack(
         [posterior_from(values[of].sum(axis=0), thetas, betas).log_probability for _, _, of in groups]
     )
@@ -117,3 +121,10 @@ def _rows(groups: Sequence[Group], values: np.ndarray, thetas: np.ndarray, betas
             "posterior": np.exp(log_posterior).ravel(),
         }
     )
+
+
+def _held_out(people: pl.DataFrame, values: np.ndarray) -> pl.DataFrame:
+    """One row per demonstration; none of fewer than two, as there are no others to predict it from."""
+    if people.height < 2:
+        return people.clear().with_columns(log_predictive=pl.lit(None, pl.Float64))
+    return people.with_columns(log_predictive=pl.Series(held_out_from(values).log_predictive))

@@ -12,7 +12,9 @@ from pipeline.replay.scene import Scene, load_scene
 from pipeline.stages.project import Project
 from pipeline.stores.whole import written_whole
 
-TABLES = ("demonstrations", "rejected", "alternatives", "sampling", "features", "scales", "densities", "posteriors")
+TABLES = (
+    "demonstrations", "rejected", "alternatives", "sampling", "features", "scales", "densities", "posteriors", "held_out",
+)  # fmt: skip
 
 
 def add_task(project: Project, name: str, scene: str, recordings: str, end_effector: str | None) -> str:

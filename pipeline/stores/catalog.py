@@ -25,8 +25,10 @@ LOCKED: dict[str, str | int | float | list[str]] = {
     "autoload_known_extensions": False,
 }
 
+# Name -> the table it is made from, what it says, and how.
 VIEWS = {
     "best_hypothesis": (
+        "posteriors",
         "the most probable theta and beta of each demonstration (`all`: together), model and set",
         """select task, demonstration_id, participant, model, set_size, set_id,
                   arg_max(theta_id, log_posterior) as theta_id, arg_max(theta, log_posterior) as theta,
@@ -34,10 +36,25 @@ VIEWS = {
            from posteriors group by all""",
     ),
     "theta_marginals": (
+        "posteriors",
         "the posterior over theta alone, beta summed out",
         """select task, demonstration_id, participant, model, set_size, set_id, theta_id, any_value(theta) as theta,
                   sum(posterior) as posterior
            from posteriors group by task, demonstration_id, participant, model, set_size, set_id, theta_id""",
+    ),
+    "model_comparison": (
+        "held_out",
+        "how well each model predicts a demonstration from the others, on the working set: log predictive density in nats, "
+        "its mean per demonstration, and how much better that is than under Boltzmann (null where that was not inferred)",
+        """select h.task, h.set_size, h.model, count(*) as demonstrations,
+                  sum(h.log_predictive) as total, avg(h.log_predictive) as mean,
+                  stddev_samp(h.log_predictive) / sqrt(count(*)) as standard_error,
+                  avg(h.log_predictive - b.log_predictive) as difference,
+                  stddev_samp(h.log_predictive - b.log_predictive) / sqrt(count(*)) as difference_standard_error
+           from held_out h left join held_out b
+             on b.model = 'boltzmann' and (b.task, b.demonstration_id, b.set_size, b.set_id)
+                                        = (h.task, h.demonstration_id, h.set_size, h.set_id)
+           where h.set_id = 'working' group by h.task, h.set_size, h.model""",
     ),
 }
 
@@ -64,7 +81,9 @@ def build_catalog(path: Path, tables: Mapping[str, Sequence[tuple[str, Path]]]) 
         with duckdb.connect(partial, config={"threads": 1, "autoinstall_known_extensions": False}) as con:
             for name, files in tables.items():
                 rows[name] = _add_table(con, schema(name), files)
-            for name, (comment, select) in VIEWS.items():
+            for name, (table, comment, select) in VIEWS.items():
+                if table not in tables:
+                    continue
                 con.execute(f"create view {name} as {select}")
                 con.execute(f"comment on view {name} is {_literal(comment)}")
             con.execute("checkpoint")
