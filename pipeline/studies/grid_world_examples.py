@@ -78,8 +78,12 @@ def examples(world: GridWorld, settings: GridWorldSettings, trials: pl.DataFrame
 
 
 def _set(name: str, one: dict[str, object]) -> pl.Expr:
-    columns = {"set": name} | {key: one[key] for key in ("sampling_model", "theta_id", "seed")}
-    return pl.struct(pl.lit(value).alias(key) for key, value in columns.items()).alias("of")
+    columns = [
+        pl.lit(name).alias("set"),
+        pl.lit(one["sampling_model"]).alias("sampling_model"),
+        *(pl.lit(one[key], dtype=pl.Int64).alias(key) for key in ("theta_id", "seed")),
+    ]
+    return pl.struct(columns).alias("of")
 
 
 def _paths(world: GridWorld, rows: NDArray[np.intp]) -> pl.DataFrame:

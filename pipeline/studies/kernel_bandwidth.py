@@ -17,10 +17,10 @@ from pipeline.errors import BandwidthError
 Array = NDArray[np.float64]
 
 _EXACT_ROWS = 2000  # up to here `select_bandwidth` is as fast
-_COARSE_ROWS = 500  # of the distinct rows, evenly spaced in lexicographic order, that find the basin
+_GRID_ROWS, _BASIN_ROWS = 500, 4000  # distinct rows, evenly spaced in lexicographic order, for the first two searches
+_MOVES = 50
 _BLOCK = 128
 _NEGLIGIBLE = 1e-13  # what all pairs that are left out may add to a row's kernel sum, relative
-_LOG_SIGMA_TOLERANCE = 1e-6
 
 
 def leave_one_out_bandwidth(features: Array) -> float:
@@ -28,7 +28,7 @@ def leave_one_out_bandwidth(features: Array) -> float:
 
     The likelihood of `select_bandwidth`, sum_i [log sum_j exp(-|phi_i - phi_j|^2 / 2 sigma^2) - F log sigma] over the
     rows j that are not identical to row i. Rows are compared only with those whose first feature is near enough to
-    count; nothing else is approximated. An evenly spaced part of the rows finds the basin, all rows the maximum.
+    count; nothing else is approximated. Evenly spaced parts of the rows find the basin, all rows the maximum.
 
     Args:
         features: (N, F) scaled features.
@@ -43,21 +43,28 @@ def leave_one_out_bandwidth(features: Array) -> float:
     if len(groups.rows) <= _EXACT_ROWS:
         return select_bandwidth(features).value
     score = _Score(groups.rows, groups.counts)
-    part = np.arange(0, len(groups.rows), len(groups.rows) // _COARSE_ROWS)
     low, high = score.bounds
     grid = np.linspace(math.log(low), math.log(high), math.ceil(math.log2(high / low)) + 1)
-    centre = float(grid[np.argmin([score.loss(log_sigma, part) for log_sigma in grid])])
-    everything = np.arange(len(groups.rows))
-    for _ in range(len(grid)):
-        around = (centre - math.log(2), centre + math.log(2))
-        found = float(
-            minimize_scalar(
-                score.loss, args=(everything,), bounds=around, method="bounded", options={"xatol": _LOG_SIGMA_TOLERANCE}
-            ).x
+    some = _evenly(len(groups.rows), _GRID_ROWS)
+    centre = float(grid[np.argmin([score.loss(log_sigma, some) for log_sigma in grid])])
+    centre = _minimum(score, _evenly(len(groups.rows), _BASIN_ROWS), centre, half_width=math.log(2), tolerance=0.01)
+    return math.exp(_minimum(score, np.arange(len(groups.rows)), centre, half_width=0.2, tolerance=1e-6))
+
+
+def _evenly(count: int, wanted: int) -> NDArray[np.intp]:
+    return np.arange(0, count, max(count // wanted, 1))
+
+
+def _minimum(score: _Score, scored: NDArray[np.intp], centre: float, half_width: float, tolerance: float) -> float:
+    """The minimum of the loss near `centre`; the bracket moves along until it is inside."""
+    for _ in range(_MOVES):
+        bounds = (centre - half_width, centre + half_width)
+        found = minimize_scalar(
+            score.loss, args=(scored,), bounds=bounds, method="bounded", options={"xatol": tolerance}
         )
-        if min(found - around[0], around[1] - found) > 100 * _LOG_SIGMA_TOLERANCE:
-            return math.exp(found)
-        centre = found
+        centre = float(found.x)
+        if min(centre - bounds[0], bounds[1] - centre) > 3 * tolerance:
+            return centre
     raise BandwidthError(
         f"no maximum of the leave-one-out likelihood was found near {math.exp(centre):g}; give the bandwidth as a number.",
         estimate=math.exp(centre),
