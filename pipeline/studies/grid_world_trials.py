@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 SAMPLING_MODELS = ("boltzmann", "less")
 # people whose similarity also sees mean x and mean y, which the robot does not: their kernel has the robot's bandwidth,
-# or one selected anew for the four features
+# or one selected anew for the four features. The paper does not say which, H5 depends on it, and both are reported.
 HIDDEN_MODELS = ("less-hidden", "less-hidden-own-bandwidth")
 INFERENCE_MODELS = ("boltzmann", "less", "attribute-rule", "path-size")
 THETAS: Array = np.array([theta for theta in product((-1.0, 0.0, 1.0), repeat=2) if any(theta)])
