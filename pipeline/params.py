@@ -139,6 +139,31 @@ class Infer(_Section):
         return values
 
 
+class HumanChoice(_Section):
+    """See `pipeline.studies.human_choice`."""
+
+    choices: str
+    alpha: Annotated[float, Field(gt=0, lt=0.5)]
+    compare_with_paper: bool
+
+
+class GridWorld(_Section):
+    """See `pipeline.studies.grid_world_trials.GridWorldSettings`."""
+
+    size: Annotated[int, Field(ge=3, le=11)]
+    objects: tuple[tuple[int, int], tuple[int, int]]
+    beta: Positive
+    demonstrations: Annotated[int, Field(ge=1)]
+    seeds: Annotated[int, Field(ge=2)]
+
+
+class Studies(_Section):
+    """The experiments that do not need a robot."""
+
+    human_choice: HumanChoice
+    grid_world: GridWorld
+
+
 class Params(_Section):
     """The whole of params.yaml."""
 
@@ -150,6 +175,7 @@ class Params(_Section):
     features: Features
     density: Density
     infer: Infer
+    studies: Studies
 
     @model_validator(mode="after")
     def _across_sections(self) -> Params:
