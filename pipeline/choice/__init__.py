@@ -4,7 +4,8 @@ Arrays are float64 and features are already scaled; every error derives from `pi
 """
 
 from pipeline.choice.bandwidth import Bandwidth, BandwidthWarning, select_bandwidth
-from pipeline.choice.density import log_density
+from pipeline.choice.density import choose_engine, log_density
+from pipeline.choice.engines import EngineChoice
 from pipeline.choice.held_out import HeldOutScore, compare_held_out, held_out_from, held_out_score
 from pipeline.choice.hypotheses import theta_grid
 from pipeline.choice.inference import Posterior, infer, infer_sequential, posterior_from, predict
@@ -17,6 +18,7 @@ __all__ = [
     "Bandwidth",
     "BandwidthWarning",
     "Boltzmann",
+    "EngineChoice",
     "Model",
     "HeldOutScore",
     "LESS",
@@ -24,6 +26,7 @@ __all__ = [
     "Posterior",
     "WeightedSet",
     "angle_to",
+    "choose_engine",
     "compare_held_out",
     "entropy",
     "held_out_from",

@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.choice.checks import matrix, positive
 from pipeline.choice.pair_score import PairScore
+from pipeline.choice.sampled_score import LIMIT, SampledScore
 from pipeline.choice.ties import DistinctRows, distinct_rows
 from pipeline.errors import ArgumentError, BandwidthError, one_of
 
 METHODS = ("leave-one-out", "k-fold", "literal")
 FOLDS = 5
+_MOST_ROWS = 30_000  # all pairs of so many take minutes
 
 
 class BandwidthWarning(UserWarning):
@@ -30,12 +32,18 @@ class Bandwidth:
         log_likelihood: what the method maximised, at `value`; None for a fixed number.
         method: `leave-one-out`, `k-fold`, `literal` or `fixed`.
         converged: whether `value` is a maximum; false only for `literal` at its lower bound.
+        rows_scored: how many rows the likelihood was evaluated on, each against all others, where that were not all.
+        log_likelihood_error: standard error of `log_likelihood` that comes from scoring some of the rows.
+        value_error: standard error of `value` that comes from it.
     """
 
     value: float
     log_likelihood: float | None
     method: str
     converged: bool
+    rows_scored: int | None = None
+    log_likelihood_error: float | None = None
+    value_error: float | None = None
 
 
 def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out") -> Bandwidth:
@@ -48,6 +56,9 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
     included and the one-dimensional normaliser, between the smallest distance of two distinct rows and the
     largest. A number is returned as it is.
 
+    Above 5000 distinct rows, `leave-one-out` scores about 4000 rows, always the same ones of a set, each against all
+    others, and estimates the sum over all rows from them, with its standard error (`SampledScore`).
+
     >>> round(select_bandwidth([[0.0], [1.0]]).value, 9)  # two rows: |phi_1 - phi_2| / sqrt(F)
     1.0
 
@@ -59,7 +70,7 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
         The bandwidth with its log likelihood.
 
     Raises:
-        ArgumentError: an argument is out of range.
+        ArgumentError: an argument is out of range, or `k-fold` or `literal` is asked of more than 30,000 rows.
         BandwidthError: fewer than two distinct rows, or no maximum was found; carries the last estimate.
 
     Warns:
@@ -78,6 +89,13 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
             f"features has {len(phi)} rows and one distinct row; a bandwidth needs at least two distinct rows: "
             "add alternatives, or give the bandwidth as a number."
         )
+    if method == "leave-one-out" and len(groups.rows) > LIMIT:
+        return _sampled(groups)
+    if len(groups.rows) > _MOST_ROWS:
+        raise ArgumentError(
+            f"features has {len(groups.rows)} distinct rows, and method {method!r} compares all pairs of at most "
+            f"{_MOST_ROWS}; use 'leave-one-out', fewer rows, or give the bandwidth as a number."
+        )
     if method == "literal":
         return _literal(groups)
     score = PairScore(groups, _labels(len(groups.rows), method), dimensions=phi.shape[1])
@@ -89,6 +107,15 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
             estimate=lower,
         )
     return Bandwidth(sigma, score.log_likelihood(sigma), method, True)
+
+
+def _sampled(groups: DistinctRows) -> Bandwidth:
+    score = SampledScore(groups)
+    found = score.maximum()
+    return Bandwidth(
+        found.sigma, found.log_likelihood, "leave-one-out", True,
+        score.rows_scored, found.log_likelihood_error, found.sigma_error,
+    )  # fmt: skip
 
 
 def _labels(count: int, method: str) -> NDArray[np.intp]:

@@ -7,17 +7,19 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.distance import cdist
 
+from pipeline.choice import engines
 from pipeline.choice.checks import FloatArray, matrix, positive
-from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.ties import distinct_rows
+from pipeline.choice.engines import ENGINES, EngineChoice
+from pipeline.choice.pairs import Neighbours, log_sums_at, log_sums_within
+from pipeline.choice.sketch import DIMENSIONS, Grid, Sketch
+from pipeline.choice.ties import DistinctRows, distinct_rows
 from pipeline.errors import ArgumentError, one_of
 
-Engine: TypeAlias = Callable[[FloatArray, float, FloatArray | None], FloatArray]
+Engine: TypeAlias = Callable[[DistinctRows, float, FloatArray | None], FloatArray]
 
-# A tile of 256 x 256 kernel values (0.5 MB) stays in the cache.
-_TILE = 256
+# A kernel sum whose error may be larger, relative to itself, is summed over neighbours instead.
+RELATIVE_ERROR = 1e-6
 
 
 def log_density(features: ArrayLike, bandwidth: float, at: ArrayLike | None = None, engine: str = "auto") -> FloatArray:
@@ -33,75 +35,95 @@ def log_density(features: ArrayLike, bandwidth: float, at: ArrayLike | None = No
         features: (N, F) scaled features phi of the choice set.
         bandwidth: sigma > 0, in the units of `features`.
         at: (M, F) points x; the rows of `features` themselves if not given.
-        engine: `exact` sums every pair, blocked; `auto` chooses among the engines.
+        engine: `exact` sums every pair. `neighbours` leaves out pairs beyond a cut-off (error below 1e-8).
+            `spectral` takes nonuniform FFTs of one to three features (error below 1e-6; `sketch.py` derives the bound),
+            and neighbours for points outside the set's box and sums too small for that. `auto` is `choose_engine`.
 
     Returns:
         (M,) log kernel sums.
 
     Raises:
-        ArgumentError: an argument is out of range, or the engine is not available.
+        ArgumentError: an argument is out of range, or the engine cannot do it.
 
     Source: the denominator of the LESS model, paper section "Similarity as Density".
     """
+    if engine not in ("auto", *ENGINES):
+        raise ArgumentError(f"engine is {engine!r}; the engines are {one_of(('auto', *ENGINES))}.")
+    groups, sigma, points = _arguments(features, bandwidth, at)
+    if engine == "auto":
+        engine = _choice(groups, sigma, points).engine
+    log_sums = _ENGINES[engine](groups, sigma, points)
+    return log_sums[groups.index] if points is None else log_sums
+
+
+def choose_engine(features: ArrayLike, bandwidth: float, at: ArrayLike | None = None) -> EngineChoice:
+    """The engine that `log_density` uses on its own, with its predicted cost: the same for the same arguments.
+
+    >>> choose_engine([[0.0], [1.0]], bandwidth=0.1).engine
+    'exact'
+
+    Args:
+        features: (N, F) scaled features of the choice set.
+        bandwidth: sigma > 0.
+        at: (M, F) points; the rows of `features` themselves if not given.
+
+    Returns:
+        The cheapest engine within 2 GB of working memory; `exact` below four million pairs.
+
+    Raises:
+        ArgumentError: an argument is out of range, or every engine would take more than four hours.
+    """
+    return _choice(*_arguments(features, bandwidth, at))
+
+
+def _arguments(
+    features: ArrayLike, bandwidth: float, at: ArrayLike | None
+) -> tuple[DistinctRows, float, FloatArray | None]:
     phi = matrix("features", features)
     sigma = positive("bandwidth", bandwidth)
-    points = None if at is None else matrix("at", at, columns=phi.shape[1])
-    return _engine(engine)(phi, sigma, points)
+    return distinct_rows(phi), sigma, None if at is None else matrix("at", at, columns=phi.shape[1])
 
 
-def _engine(name: str) -> Engine:
-    if name == "spectral":
-        raise ArgumentError("engine 'spectral' is not available in this version; use 'exact' or 'auto'.")
-    if name not in _ENGINES:
-        raise ArgumentError(f"engine is {name!r}; the engines are {one_of(_ENGINES)}.")
-    return _ENGINES[name]
+def _choice(groups: DistinctRows, sigma: float, points: FloatArray | None) -> EngineChoice:
+    return engines.cheapest(groups.rows, len(groups.index), None if points is None else len(points), sigma)
 
 
-def _exact(phi: FloatArray, sigma: float, points: FloatArray | None) -> FloatArray:
-    """Every pair; identical rows are summed once and counted."""
-    groups = distinct_rows(phi)
+def _exact(groups: DistinctRows, sigma: float, points: FloatArray | None) -> FloatArray:
     if points is None:
-        return _log_sums_within(groups.rows, groups.counts, sigma)[groups.index]
-    return np.concatenate(
-        [
-            _log_sums_at(points[start : start + _TILE], groups.rows, groups.counts, sigma)
-            for start in range(0, len(points), _TILE)
-        ]
-    )
+        return log_sums_within(groups.rows, groups.counts, sigma)
+    return log_sums_at(points, groups.rows, groups.counts, sigma)
 
 
-def _log_sums_within(rows: FloatArray, counts: FloatArray, sigma: float) -> FloatArray:
-    """At the rows themselves: each pair of tiles once, the kernel being symmetric."""
-    others = np.zeros(len(rows))
-    for start in range(0, len(rows), _TILE):
-        here = slice(start, start + _TILE)
-        for other_start in range(0, start, _TILE):
-            there = slice(other_start, other_start + _TILE)
-            kernel = np.exp(_exponents(rows[here], rows[there], sigma))
-            others[here] += np.einsum("ij,j->i", kernel, counts[there])
-            others[there] += np.einsum("ij,i->j", kernel, counts[here])
-        kernel = np.exp(_exponents(rows[here], rows[here], sigma))
-        np.fill_diagonal(kernel, 0.0)
-        others[here] += np.einsum("ij,j->i", kernel, counts[here])
-    # log1p keeps neighbours whose kernel is below the rounding of the row's own.
-    return np.asarray(np.log(counts) + np.log1p(others / counts))
+def _neighbours(groups: DistinctRows, sigma: float, points: FloatArray | None) -> FloatArray:
+    neighbours = Neighbours(groups.rows, groups.counts)
+    return neighbours.log_sums_within(sigma) if points is None else neighbours.log_sums_at(points, sigma)
 
 
-def _log_sums_at(points: FloatArray, rows: FloatArray, counts: FloatArray, sigma: float) -> FloatArray:
-    """At any points, however far: the largest term is taken out of each tile's sum."""
-    log_counts = np.log(counts)
-    log_sums = np.full(len(points), -np.inf)
-    for start in range(0, len(rows), 16 * _TILE):
-        here = slice(start, start + 16 * _TILE)
-        terms = _exponents(points, rows[here], sigma) + log_counts[here]
-        log_sums = np.logaddexp(log_sums, log_sum_exp(terms, axis=1))
-    return log_sums
+def _spectral(groups: DistinctRows, sigma: float, points: FloatArray | None) -> FloatArray:
+    total, dimensions = float(len(groups.index)), groups.rows.shape[1]
+    if dimensions > DIMENSIONS:
+        raise ArgumentError(
+            f"engine 'spectral' takes up to {DIMENSIONS} features where there are {dimensions}; use 'neighbours' or 'auto'."
+        )
+    grid = Grid.covering(groups.rows.min(axis=0), groups.rows.max(axis=0), sigma, sigma, total)
+    memory = engines.spectral(groups.rows, total, None if points is None else len(points), sigma).memory_bytes
+    if memory > engines.MEMORY_BYTES:
+        raise ArgumentError(
+            f"engine 'spectral' needs {memory / 1e9:.1f} GB for {' x '.join(map(str, grid.shape))} frequencies where "
+            f"{engines.MEMORY_BYTES / 1e9:g} GB are allowed; use a wider bandwidth, 'neighbours' or 'auto'."
+        )
+    sketch = Sketch.of(groups.rows, grid, groups.counts)
+    wanted = groups.rows if points is None else points
+    least = groups.counts if points is None else 0.0  # a row's own kernel mass
+    inside = grid.inside(wanted)
+    sums = np.zeros(len(wanted))
+    sums[inside], error = sketch.sums(wanted[inside], sigma)
+    sums = np.maximum(sums, least)
+    wrong = sums * RELATIVE_ERROR < error
+    log_sums = np.log(np.where(wrong, 1.0, sums))
+    if wrong.any():
+        log_sums[wrong] = Neighbours(groups.rows, groups.counts).log_sums_at(wanted[wrong], sigma)
+    return np.asarray(log_sums)
 
 
-def _exponents(x: FloatArray, y: FloatArray, sigma: float) -> FloatArray:
-    """-|x_i - y_j|^2 / (2 sigma^2); differences first, so that a common offset costs no digits."""
-    with np.errstate(over="ignore"):  # beyond the largest double the exponent is -inf, the kernel 0
-        return np.asarray(cdist(x, y, "sqeuclidean") * (-0.5 / sigma**2))
-
-
-_ENGINES: dict[str, Engine] = {"auto": _exact, "exact": _exact}
+_ENGINES: dict[str, Engine] = {"exact": _exact, "neighbours": _neighbours, "spectral": _spectral}

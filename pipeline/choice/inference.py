@@ -183,7 +183,7 @@ def predict(posterior: Posterior, model: Model, alternatives: ArrayLike, similar
     Source: paper, "Inference and Prediction with LESS", the prediction.
     """
     choice = ChoiceSet.of(model, alternatives, posterior.thetas, posterior.betas, similarity)
-    offsets = posterior.log_probability.reshape(-1) - choice.log_normaliser()
+    offsets = posterior.log_probability.reshape(-1) - choice.log_normaliser()[0]
     probabilities = np.empty(len(choice.features))
     for block in choice.blocks():
         terms = choice.utilities(choice.features[block]) + choice.weights.log_w[block]

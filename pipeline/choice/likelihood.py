@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from pipeline.choice.checks import FloatArray, inverse_temperatures, matrix
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.models import Model, WeightedSet
+from pipeline.choice.normaliser import BLOCK, LogSumExp
 from pipeline.errors import ArgumentError
 
-# Utilities in one block: 16 MB.
-_BLOCK = 2_000_000
+# Joined weights of a group of demonstrations: 256 MB.
+_GROUP = 32_000_000
 
 
 def log_probabilities(
@@ -147,52 +149,44 @@ class ChoiceSet:
 
     def blocks(self) -> Iterator[slice]:
         """Slices of alternatives whose utilities fit into one block."""
-        step = max(_BLOCK // (len(self.thetas) * len(self.betas)), 1)
+        step = max(BLOCK // (len(self.thetas) * len(self.betas)), 1)
         for start in range(0, len(self.features), step):
             yield slice(start, start + step)
 
-    def log_normaliser(self) -> FloatArray:
-        """(K B,) logsumexp over the alternatives, without any demonstration."""
-        merged = np.full(len(self.thetas) * len(self.betas), -np.inf)
-        for block in self.blocks():
-            terms = self.utilities(self.features[block]) + self.weights.log_w[block]
-            merged = np.logaddexp(merged, log_sum_exp(terms, axis=1))
-        return merged
+    def log_normaliser(self, joined: FloatArray | None = None) -> FloatArray:
+        """(n, K B) logsumexp over the alternatives with the weights (n, N) of each joined set; or (1, K B) without.
+
+        One exponential per alternative and hypothesis serves all demonstrations: joining changes a weight by a bounded
+        ratio, so the terms that are largest under the set's own weights stay far from underflow.
+        """
+        log_w = self.weights.log_w
+        parts = (
+            LogSumExp.of(
+                self.utilities(self.features[block]) + log_w[block],
+                None if joined is None else np.exp(joined[:, block] - log_w[block]),
+            )
+            for block in self.blocks()
+        )
+        return reduce(add, parts).value
 
 
 def _log_likelihood_of_rows(choice: ChoiceSet, rows: NDArray[np.intp]) -> FloatArray:
     chosen = choice.utilities(choice.features[rows]) + choice.weights.log_w[rows]
-    return np.asarray((chosen - choice.log_normaliser()[:, None]).T)
+    return np.asarray((chosen - choice.log_normaliser().T).T)
 
 
 def _log_likelihood_outside(choice: ChoiceSet, features: FloatArray, compared: Any) -> FloatArray:
     """(n, K B), demonstrations in groups whose joined weights fit into one block."""
     utilities = choice.utilities(features).T
     log_likelihoods = np.empty_like(utilities)
-    step = max(_BLOCK // len(choice.features), 1)
+    step = max(_GROUP // len(choice.features), 1)
     for start in range(0, len(features), step):
         group = range(start, min(start + step, len(features)))
         joined = [choice.weights.joined(compared[[index]]) for index in group]
         chosen = utilities[group] + np.array([own for _, own in joined])[:, None]
-        others = _log_normaliser_joined(choice, np.array([log_w for log_w, _ in joined]))
+        others = choice.log_normaliser(np.array([log_w for log_w, _ in joined]))
         log_likelihoods[group] = chosen - np.logaddexp(others, chosen)
     return log_likelihoods
-
-
-def _log_normaliser_joined(choice: ChoiceSet, log_w: FloatArray) -> FloatArray:
-    """(n, K B) logsumexp over the alternatives with the weights (n, N) of each joined set.
-
-    One exponential per alternative and hypothesis serves all demonstrations: joining changes a weight by a bounded
-    ratio, so the terms that are largest under the set's own weights stay far from underflow.
-    """
-    merged = np.full((len(log_w), len(choice.thetas) * len(choice.betas)), -np.inf)
-    for block in choice.blocks():
-        terms = choice.utilities(choice.features[block]) + choice.weights.log_w[block]
-        peak = terms.max(axis=1, keepdims=True)
-        ratios = np.exp(log_w[:, block] - choice.weights.log_w[block])
-        sums = np.einsum("hj,nj->nh", np.exp(terms - peak), ratios)
-        merged = np.logaddexp(merged, np.log(sums) + peak[:, 0])
-    return merged
 
 
 def _rows(demonstrations: ArrayLike, count: int) -> NDArray[np.intp] | None:

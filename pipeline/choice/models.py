@@ -22,6 +22,7 @@ from pipeline.choice.bandwidth import METHODS, select_bandwidth
 from pipeline.choice.checks import FloatArray, matrix, positive, read_only
 from pipeline.choice.density import log_density
 from pipeline.choice.links import check_incidence, check_lengths, log_path_sizes
+from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.ties import distinct_rows
 from pipeline.errors import ArgumentError, one_of
 
@@ -195,7 +196,7 @@ def _less_joined(rows: FloatArray, sigma: float, log_w: FloatArray, row: Any) ->
     """The trajectory adds its own kernel mass to every row, and to itself s(0) = 1."""
     point = matrix("demonstrations", row, columns=rows.shape[1])
     log_kernel = log_density(point, sigma, at=rows)
-    own = np.logaddexp(0.0, log_density(rows, sigma, at=point)[0])
+    own = np.logaddexp(0.0, log_sum_exp(log_kernel))  # the kernel is symmetric
     return -np.logaddexp(-log_w, log_kernel), -float(own)
 
 

@@ -76,7 +76,7 @@ def test_everything_equals_the_slow_loops(model, slow, demonstrations) -> None:
 def test_blocks_change_nothing(model, slow, demonstrations, monkeypatch: pytest.MonkeyPatch) -> None:
     posterior = infer(model, demonstrations, ALTERNATIVES, THETAS, BETAS)
     predicted = predict(posterior, model, ALTERNATIVES)
-    monkeypatch.setattr(likelihood, "_BLOCK", 60)
+    monkeypatch.setattr(likelihood, "BLOCK", 60)
     blocked = infer(model, demonstrations, ALTERNATIVES, THETAS, BETAS)
     np.testing.assert_allclose(blocked.log_probability, posterior.log_probability, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(predict(posterior, model, ALTERNATIVES), predicted, rtol=1e-12)

@@ -1,0 +1,123 @@
+"""Which engine sums a kernel: predicted cost and memory of each, from the set and the bandwidth and never from a clock.
+
+Costs are linear in counts of elementary operations; their unit costs were measured once, by `benchmarks/unit_costs.py`:
+- `exact`: all pairs; each pair of rows once where the sums are wanted at the rows themselves,
+- `neighbours`: the share of pairs within reach, estimated from 1000 of them,
+- `spectral`: w^F grid points per row, w the width of FINUFFT's kernel, and the oversampled grid's FFT; both twice.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import pdist
+
+from pipeline.choice.checks import FloatArray
+from pipeline.choice.pairs import LEAF, POINTS, cut_off
+from pipeline.choice.sketch import DIMENSIONS, Grid
+from pipeline.errors import ArgumentError
+
+ENGINES = ("exact", "neighbours", "spectral")
+
+MEMORY_BYTES = 2e9  # what an engine may use beside the features
+LONGEST_S = 4 * 3600.0  # `auto` refuses what would take longer
+
+_FEW_PAIRS = 4_000_000  # below, all pairs take hundredths of a second
+
+# Seconds per operation, one thread.
+_PAIR = 3.5e-9
+_TREE = 1e-6  # per row and point: building the tree, boxes
+_ROW = 2e-7  # per row: sorting, phases
+_SPREAD = 4e-10  # per row and point of FINUFFT's kernel
+_FFT = 4e-8  # per point of the oversampled grid
+
+
+@dataclass(frozen=True)
+class EngineChoice:
+    """What sums a kernel over a set.
+
+    Attributes:
+        engine: `exact`, `neighbours` or `spectral`.
+        seconds: its predicted time on one core of the machine the unit costs were measured on.
+        memory_bytes: its predicted working memory, beside features and result.
+    """
+
+    engine: str
+    seconds: float
+    memory_bytes: float
+
+
+def cheapest(rows: FloatArray, total: float, points: int | None, sigma: float) -> EngineChoice:
+    """The engine for distinct `rows` in lexicographic order; `points` is None for the rows themselves.
+
+    Raises:
+        ArgumentError: every engine would take more than four hours.
+    """
+    if len(rows) * (len(rows) if points is None else points) <= _FEW_PAIRS:
+        return _exact(len(rows), points)
+    choices = [_exact(len(rows), points), neighbours(rows, total, points, sigma)]
+    if rows.shape[1] <= DIMENSIONS:
+        choices.append(spectral(rows, total, points, sigma))
+    best = min((choice for choice in choices if choice.memory_bytes <= MEMORY_BYTES), key=lambda choice: choice.seconds)
+    if best.seconds > LONGEST_S:
+        raise ArgumentError(
+            f"features has {len(rows)} distinct rows of {rows.shape[1]} features, whose kernel sums at bandwidth "
+            f"{sigma:g} would take {best.seconds / 3600:.0f} hours with the fastest engine, {best.engine!r}; use fewer "
+            f"alternatives, at most {DIMENSIONS} features, another bandwidth, or name that engine to wait for it."
+        )
+    return best
+
+
+def spectral(rows: FloatArray, total: float, points: int | None, sigma: float) -> EngineChoice:
+    """Cost of the spectral engine: infinite where its grid cannot be counted."""
+    try:
+        grid = Grid.covering(rows.min(axis=0), rows.max(axis=0), sigma, sigma, total)
+    except ArgumentError:
+        return EngineChoice("spectral", math.inf, math.inf)
+    at = len(rows) if points is None else points
+    seconds = transform_seconds(grid, len(rows)) + transform_seconds(grid, at)
+    return EngineChoice("spectral", seconds, transform_bytes(grid, max(len(rows), at)))
+
+
+def transform_bytes(grid: Grid, points: int) -> float:
+    """Working memory of a transform: the oversampled grid, coefficients before and after, phases and strengths."""
+    return 16.0 * (grid.oversampled(points) + 2 * math.prod(grid.shape)) + 104.0 * points
+
+
+def transform_seconds(grid: Grid, points: int) -> float:
+    """One transform between the grid and `points`."""
+    return grid.oversampled(points) * _FFT + points * spread_seconds(grid)
+
+
+def spread_seconds(grid: Grid) -> float:
+    """One point of a transform: FINUFFT's kernel is one wider than the digits asked for."""
+    return float(_ROW + _SPREAD * (1 - math.log10(grid.eps)) ** len(grid.modes))
+
+
+def share_compared(rows: FloatArray, total: float, points: int | None, sigma: float) -> float:
+    """The share of pairs that lie in leaves within the cut-off, from 1000 rows evenly spaced in order."""
+    distances = pdist(rows[:: max(len(rows) // 1000, 1)])
+    # the two ends of a pair are so near to the other rows of their tiles
+    tiles = LEAF / len(rows), LEAF / len(rows) if points is None else POINTS / points
+    extents = np.quantile(distances, np.minimum(tiles, 1.0))
+    return float(np.mean(distances <= cut_off(total, sigma) + extents.sum()))
+
+
+def pair_seconds(pairs: float) -> float:
+    """So many kernel values."""
+    return pairs * _PAIR
+
+
+def _exact(count: int, points: int | None) -> EngineChoice:
+    pairs = 0.5 * count * count if points is None else 2.0 * count * points
+    return EngineChoice("exact", pair_seconds(pairs), 32e6)
+
+
+def neighbours(rows: FloatArray, total: float, points: int | None, sigma: float) -> EngineChoice:
+    """Cost of the engine that leaves out what is beyond the cut-off."""
+    at = len(rows) if points is None else points
+    pairs = at * len(rows) * share_compared(rows, total, points, sigma)
+    seconds = pair_seconds(0.5 * pairs if points is None else pairs) + _TREE * (len(rows) + at)
+    return EngineChoice("neighbours", seconds, 16.0 * rows.size + 64.0 * len(rows) + 32e6)

@@ -1,0 +1,156 @@
+"""Kernel sums over pairs of rows, tile by tile: all pairs, or all that are near enough to count."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from pipeline.choice.checks import FloatArray
+from pipeline.choice.logspace import log_sum_exp
+
+# A tile of 256 x 256 kernel values (0.5 MB) stays in the cache.
+_TILE = 256
+
+# All rows that are left out add at most this much to a kernel sum, relative to the largest term of the sum.
+_NEGLIGIBLE = 1e-8
+
+POINTS = 4  # points of one tile: few, as they may lie far apart
+LEAF = 128  # most rows of a leaf of the k-d tree
+_RUN = 16  # leaves, or runs of them, that are summed at once
+
+
+def log_sums_within(rows: FloatArray, counts: FloatArray, sigma: float) -> FloatArray:
+    """(G,) at distinct rows (G, F) that occur `counts` times each."""
+    tiles = [slice(start, start + _TILE) for start in range(0, len(rows), _TILE)]
+    return _log_sums_symmetric(rows, counts, sigma, ((tile, tiles[:index]) for index, tile in enumerate(tiles)))
+
+
+def log_sums_at(points: FloatArray, rows: FloatArray, counts: FloatArray, sigma: float) -> FloatArray:
+    """(M,) at any points, however far: the largest term is taken out of each tile's sum."""
+    log_counts = np.log(counts)
+    log_sums = np.full(len(points), -np.inf)
+    width = 16 * _TILE
+    height = max(width * _TILE // max(min(len(rows), width), 1), 1)
+    for first in range(0, len(points), height):
+        for start in range(0, len(rows), width):
+            here, there = slice(first, first + height), slice(start, start + width)
+            terms = exponents(points[here], rows[there], sigma) + log_counts[there]
+            log_sums[here] = np.logaddexp(log_sums[here], log_sum_exp(terms, axis=1))
+    return log_sums
+
+
+def exponents(x: FloatArray, y: FloatArray, sigma: float) -> FloatArray:
+    """-|x_i - y_j|^2 / (2 sigma^2); differences first, so that a common offset costs no digits."""
+    with np.errstate(over="ignore"):  # beyond the largest double the exponent is -inf, the kernel 0
+        return np.asarray(cdist(x, y, "sqeuclidean") * (-0.5 / sigma**2))
+
+
+def cut_off(total: float, sigma: float) -> float:
+    """The distance beyond which `total` rows together add less than 1e-8: total exp(-r^2 / 2 sigma^2) = 1e-8."""
+    return sigma * math.sqrt(2 * math.log(total / _NEGLIGIBLE))
+
+
+def _log_sums_symmetric(
+    rows: FloatArray, counts: FloatArray, sigma: float, pairs: Iterable[tuple[slice, Iterable[slice]]]
+) -> FloatArray:
+    """Each pair of tiles once, the kernel being symmetric: every tile with itself and those it is paired with."""
+    others = np.zeros(len(rows))
+    for here, partners in pairs:
+        for there in partners:
+            kernel = np.exp(exponents(rows[here], rows[there], sigma))
+            others[here] += np.einsum("ij,j->i", kernel, counts[there])
+            others[there] += np.einsum("ij,i->j", kernel, counts[here])
+        kernel = np.exp(exponents(rows[here], rows[here], sigma))
+        np.fill_diagonal(kernel, 0.0)
+        others[here] += np.einsum("ij,j->i", kernel, counts[here])
+    # log1p keeps neighbours whose kernel is below the rounding of the row's own.
+    return np.asarray(np.log(counts) + np.log1p(others / counts))
+
+
+class Neighbours:
+    """Kernel sums over the rows near enough to count.
+
+    The rows are tiles, the leaves of a k-d tree; tiles beyond reach are left out whole. A sum is too small by less than
+    1e-8 of its largest term, which bounds the error of its log.
+
+    Args:
+        rows: (G, F) distinct rows.
+        counts: (G,) how often each occurs.
+    """
+
+    def __init__(self, rows: FloatArray, counts: FloatArray) -> None:
+        self._tree = cKDTree(rows, leafsize=LEAF)
+        self._order: NDArray[np.intp] = np.asarray(self._tree.indices)
+        self._rows, self._counts = rows[self._order], counts[self._order]
+        self._total = float(counts.sum())
+        self._starts = np.array([*_leaf_starts(self._tree.tree), len(rows)])
+        self._lower = np.minimum.reduceat(self._rows, self._starts[:-1])
+        self._upper = np.maximum.reduceat(self._rows, self._starts[:-1])
+
+    def log_sums_within(self, sigma: float) -> FloatArray:
+        """(G,) at the rows themselves."""
+        reach = cut_off(self._total, sigma) ** 2
+        tiles = (
+            (slice(*self._starts[tile : tile + 2]), self._runs(self._lower[tile], self._upper[tile], reach, tile))
+            for tile in range(len(self._lower))
+        )
+        log_sums = np.empty(len(self._rows))
+        log_sums[self._order] = _log_sums_symmetric(self._rows, self._counts, sigma, tiles)
+        return log_sums
+
+    def nearest(self, points: FloatArray, others: bool = False) -> FloatArray:
+        """(M,) squared distance to the nearest row; with `others`, of points that are rows, to the nearest other."""
+        distances = np.asarray(self._tree.query(points, k=[2 if others else 1])[0])[:, 0]
+        return np.asarray(distances**2)
+
+    def log_sums_at(self, points: FloatArray, sigma: float, others: bool = False) -> FloatArray:
+        """(M,) at any points, however far; with `others`, without the row that a point is."""
+        log_sums = np.empty(len(points))
+        order = np.asarray(cKDTree(points).indices)
+        nearest = self.nearest(points, others)
+        for start in range(0, len(points), POINTS):
+            here = order[start : start + POINTS]
+            log_sums[here] = self._log_sums(points[here], nearest[here], sigma, others)
+        return log_sums
+
+    def _log_sums(self, points: FloatArray, nearest: FloatArray, sigma: float, others: bool) -> FloatArray:
+        sums = np.zeros(len(points))
+        precision = 0.5 / sigma**2
+        reach = float(nearest.max()) + cut_off(self._total, sigma) ** 2
+        runs = list(self._runs(points.min(axis=0), points.max(axis=0), reach, len(self._lower)))
+        with np.errstate(over="ignore"):  # beyond the largest double the kernel is 0
+            for first in range(0, len(runs), _RUN):
+                part = runs[first : first + _RUN]
+                squared = cdist(points, np.concatenate([self._rows[run] for run in part]), "sqeuclidean")
+                if others:
+                    np.putmask(squared, squared == 0, np.inf)
+                # relative to the nearest row, whose term is then 1: no sum underflows, however far all rows are
+                squared -= nearest[:, None]
+                squared *= -precision
+                counts = np.concatenate([self._counts[run] for run in part])
+                sums += np.einsum("ij,j->i", np.exp(squared, out=squared), counts)
+            return np.asarray(np.log(sums) - nearest * precision)
+
+    def _runs(self, lower: FloatArray, upper: FloatArray, reach: float, count: int) -> Iterator[slice]:
+        """Rows of those of the first tiles that lie within `reach`, a squared distance, of a box; next ones at once."""
+        gaps = np.maximum(0.0, np.maximum(lower - self._upper[:count], self._lower[:count] - upper))
+        # a hair more, as the distances of boxes are rounded
+        near = np.flatnonzero(np.einsum("tf,tf->t", gaps, gaps) <= reach * (1 + 1e-12))
+        for run in np.split(near, np.flatnonzero(np.diff(near) != 1) + 1):
+            for first in range(0, len(run), _RUN):
+                part = run[first : first + _RUN]
+                yield slice(self._starts[part[0]], self._starts[part[-1] + 1])
+
+
+def _leaf_starts(node: Any) -> Iterator[int]:
+    if node.lesser is None:
+        yield node.start_idx
+    else:
+        yield from _leaf_starts(node.lesser)
+        yield from _leaf_starts(node.greater)
