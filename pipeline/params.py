@@ -139,6 +139,64 @@ class Infer(_Section):
         return values
 
 
+class ShiftedSampler(_Section):
+    """One of the samplers that the alternatives come from under sampler shift."""
+
+    kind: Literal["deformation", "via-point", "planner", "mixture"]
+    width_rad: Positive | None = None
+    reach_rad: Positive | None = None
+    paths: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    of: Annotated[tuple[str, ...], Field(min_length=2)] | None = None
+
+    @model_validator(mode="after")
+    def _settings_of_its_kind(self) -> ShiftedSampler:
+        needed = {"deformation": "width_rad", "via-point": "reach_rad", "planner": "paths", "mixture": "of"}[self.kind]
+        given = sorted(self.model_dump(exclude={"kind"}, exclude_none=True))
+        if given != [needed]:
+            raise ValueError(f"a sampler of kind {self.kind} takes {needed} alone, got {', '.join(given) or 'nothing'}")
+        return self
+
+
+class Duplicates(_Section):
+    """Near-copies that are slipped into sets of alternatives."""
+
+    set_size: Annotated[int, Field(ge=2)]
+    copied: Annotated[int, Field(ge=1)]
+    copies: Annotated[tuple[Annotated[int, Field(ge=1, le=10_000)], ...], Field(min_length=1)]
+    spreads: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
+
+
+class Robustness(_Section):
+    """The study of how far a posterior depends on the alternatives that were sampled."""
+
+    samplers: Annotated[dict[Name, ShiftedSampler], Field(min_length=2), AfterValidator(_frozen)]
+    duplicates: Duplicates
+    bandwidth_factors: Annotated[tuple[Positive, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _names_and_numbers(self) -> Robustness:
+        simple = [name for name, sampler in self.samplers.items() if sampler.kind != "mixture"]
+        for name, sampler in self.samplers.items():
+            unknown = sorted(set(sampler.of or ()) - set(simple))
+            if unknown:
+                raise ValueError(
+                    f"robustness.samplers.{name}.of names {unknown[0]!r}; allowed are the others that are no mixtures: "
+                    f"{one_of(simple)}"
+                )
+        if self.duplicates.copied > self.duplicates.set_size:
+            raise ValueError(
+                f"robustness.duplicates.copied is {self.duplicates.copied}; a set has {self.duplicates.set_size}"
+            )
+        for key, values in (
+            ("bandwidth_factors", self.bandwidth_factors),
+            ("duplicates.copies", self.duplicates.copies),
+            ("duplicates.spreads", self.duplicates.spreads),
+        ):
+            if len(set(values)) != len(values):
+                raise ValueError(f"robustness.{key} lists a value twice; list each once")
+        return self
+
+
 class Params(_Section):
     """The whole of params.yaml."""
 
@@ -150,6 +208,7 @@ class Params(_Section):
     features: Features
     density: Density
     infer: Infer
+    robustness: Robustness
 
     @model_validator(mode="after")
     def _across_sections(self) -> Params:
@@ -162,6 +221,11 @@ class Params(_Section):
                     f"simulate.weights.{name} names {unknown[0]!r}; allowed are the task's preferences "
                     f"{one_of(self.tasks[name].preferences)}"
                 )
+        if self.sample.sizes and self.robustness.duplicates.set_size not in self.sample.sizes:
+            raise ValueError(
+                f"robustness.duplicates.set_size is {self.robustness.duplicates.set_size}; it must be one of sample.sizes, "
+                f"{', '.join(map(str, self.sample.sizes))}"
+            )
         return self
 
     def task(self, name: str) -> Task:
@@ -240,7 +304,7 @@ def _nearest(location: list[Any]) -> str:
     for part in location[:-1]:
         field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
         if field is not None:
-            model = Task if part == "tasks" else field.annotation
+            model = {"tasks": Task, "samplers": ShiftedSampler}.get(part, field.annotation)
     names = list(model.model_fields)
     close = difflib.get_close_matches(str(location[-1]), names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"allowed are {one_of(names)}"

@@ -36,34 +36,40 @@ def run(project: Project, name: str) -> None:
         scene = load_task_scene(project, task)
         planning = Planning(scene, task, project.params.ingest.waypoints)
         source = project.table(name, "demonstrations")
-        anchors = _anchors(planning, settings, read_table(source, "demonstrations"))
+        anchors = sampling_anchors(planning, settings, read_table(source, "demonstrations"))
         sampler = _sampler(planning, settings, next(iter(anchors.values())), seed, name)
         wanted = [(anchor, size, set_id) for anchor in anchors for size, set_id in _sets(settings)]
         draws = [
-            draw_admissible(
-                sampler, child_rng(seed, "sample", name, anchor, size, set_id), anchors[anchor], size, planning.waypoints,
-                lower=np.minimum(scene.lower, np.minimum(anchors[anchor].start, anchors[anchor].goal)),
-                upper=np.maximum(scene.upper, np.maximum(anchors[anchor].start, anchors[anchor].goal)),
-                admissible=planning.admissible,
-            )
+            draw_set(planning, sampler, child_rng(seed, "sample", name, anchor, size, set_id), anchors[anchor], size)
             for anchor, size, set_id in tracked(wanted, f"sample {name}")
-        ]  # fmt: skip
+        ]
         depends_on = [task.end_effector, task.surface, task.preferences, settings, planning.waypoints]
         provenance = project.provenance(depends_on, [scene.path, source])
-        rows = pl.concat([_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
-        shares = pl.concat([_shares(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
+        rows = pl.concat([alternative_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
+        shares = pl.concat([sampling_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         write_table(project.table(name, "alternatives"), "alternatives", rows, provenance)
         write_table(project.table(name, "sampling"), "sampling", shares, provenance)
         rate = 1 - rows.height / sum(tally.proposed for draw in draws for tally in draw.tallies)
         record.produced = f"{len(wanted)} sets, {rows.height:,} trajectories ({rate:.0%} of the draws discarded)"
 
 
-def _anchors(planning: Planning, settings: Sample, demonstrations: pl.DataFrame) -> dict[str, Anchor]:
+def sampling_anchors(planning: Planning, settings: Sample, demonstrations: pl.DataFrame) -> dict[str, Anchor]:
+    """Where the alternatives start and end: the task's start and goal, or each demonstration's own."""
     if settings.anchor == "task":
         return {"task": planning.anchor}
     paths = demonstrations["waypoints"].to_numpy()
     ids = demonstrations["demonstration_id"].to_list()
     return {key: Anchor(path[0], path[-1]) for key, path in zip(ids, paths, strict=True)}
+
+
+def draw_set(planning: Planning, sampler: Sampler, rng: np.random.Generator, anchor: Anchor, size: int) -> Draw:
+    """One set of alternatives. A person may start or end beyond a limit; then the limit is where the person was."""
+    return draw_admissible(
+        sampler, rng, anchor, size, planning.waypoints,
+        lower=np.minimum(planning.scene.lower, np.minimum(anchor.start, anchor.goal)),
+        upper=np.maximum(planning.scene.upper, np.maximum(anchor.start, anchor.goal)),
+        admissible=planning.admissible,
+    )  # fmt: skip
 
 
 def _sets(settings: Sample) -> Iterator[tuple[int, str]]:
@@ -80,18 +86,19 @@ def _sampler(planning: Planning, settings: Sample, anchor: Anchor, seed: int, na
         return deformation
     if settings.sampler == "via-point":
         return via_point
-    planner = _planner(planning, settings, anchor, seed, name)
+    planner = planned_sampler(planning, settings, anchor, settings.planner.paths, (seed, "planner", name))
     return planner if settings.sampler == "planner" else Mixture((deformation, via_point, planner), (1.0, 1.0, 1.0))
 
 
-def _planner(planning: Planning, settings: Sample, anchor: Anchor, seed: int, name: str) -> Planner:
+def planned_sampler(
+    planning: Planning, settings: Sample, anchor: Anchor, count: int, stream: tuple[int, *tuple[str, ...]]
+) -> Planner:
     """The planner, its paths planned once from `anchor`; they serve other anchors as deviations from the straight path."""
-    scales = planning.preference_scales(child_rng(seed, "planner", name, "scales"), anchor, Deformation())
-    count = settings.planner.paths
+    scales = planning.preference_scales(child_rng(*stream, "scales"), anchor, Deformation())
     planned = optimise_paths(
-        [child_rng(seed, "planner", name, path) for path in range(count)],
+        [child_rng(*stream, path) for path in range(count)],
         anchor,
-        random_weights(child_rng(seed, "planner", name, "weights"), count, len(scales)),
+        random_weights(child_rng(*stream, "weights"), count, len(scales)),
         planning.scaled(scales),
         lower=planning.scene.lower,
         upper=planning.scene.upper,
@@ -101,7 +108,8 @@ def _planner(planning: Planning, settings: Sample, anchor: Anchor, seed: int, na
     return Planner(planned.waypoints, Deformation(settings.planner.width_rad, settings.deformation.modes))
 
 
-def _rows(draw: Draw, anchor: str, size: int, set_id: str) -> pl.DataFrame:
+def alternative_rows(draw: Draw, anchor: str, size: int, set_id: str) -> pl.DataFrame:
+    """Rows of alternatives.parquet."""
     return pl.DataFrame(
         {
             "alternative_id": [f"{anchor}/{size}/{set_id}/{place:06d}" for place in range(size)],
@@ -114,7 +122,8 @@ def _rows(draw: Draw, anchor: str, size: int, set_id: str) -> pl.DataFrame:
     )
 
 
-def _shares(draw: Draw, anchor: str, size: int, set_id: str) -> pl.DataFrame:
+def sampling_rows(draw: Draw, anchor: str, size: int, set_id: str) -> pl.DataFrame:
+    """Rows of sampling.parquet."""
     return pl.DataFrame(
         {
             "anchor": anchor,
