@@ -87,6 +87,25 @@ def infer(task: TaskName) -> None:
 
 
 @app.command(rich_help_panel=STAGES)
+def shift(task: TaskName) -> None:
+    """Draw sets of alternatives from different samplers into shifted_alternatives.parquet."""
+    from pipeline.stages.shift import run
+
+    run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def study(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the study: robustness.")],
+    task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml.")] = None,
+) -> None:
+    """Run a study and write its tables: `robustness TASK`."""
+    from pipeline.stages.study import run
+
+    run(_project(), name, task)
+
+
+@app.command(rich_help_panel=STAGES)
 def inspect(task: TaskName) -> None:
     """Write inspect.rrd, the recording that `lessbench view` opens."""
     from pipeline.stages.inspect import run

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.choice import LESS, Boltzmann, log_likelihood, select_bandwidth
+from pipeline.choice import LESS, Boltzmann, angle_to, log_likelihood, select_bandwidth
 from pipeline.choice.logspace import log_sum_exp, peak
 from pipeline.errors import StageError
 
@@ -70,6 +72,20 @@ class Problem:
     thetas: Array
     betas: Array
 
+    @cached_property
+    def truth_angles(self) -> tuple[Array | None, ...]:
+        """For each demonstration, and for all together: the angle (K,) of every theta to the truth, None if not known.
+
+        All together: to the mean of the directions. An angle is in rad.
+        """
+        truths = self.demonstrations.truths
+        known = [truth for truth in truths if truth is not None]
+        mean = np.sum(known, axis=0) if known and len(known) == len(truths) else None
+        return tuple(
+            None if truth is None else np.array([angle_to(theta, truth) for theta in self.thetas])
+            for truth in (*truths, mean)
+        )
+
     def by_size(self, regime: str) -> Iterator[tuple[int, tuple[ChoiceSets, ...]]]:
         """The samplings of a regime, size by size."""
         samplings = self.regimes[regime]
@@ -103,18 +119,25 @@ def unit(direction: Array) -> Array:
     return np.asarray(direction / np.linalg.norm(direction))
 
 
-def bandwidths(sets: ChoiceSets, method: str | float) -> Bandwidths:
-    """The bandwidth of each anchor's set."""
-    return {anchor: select_bandwidth(phi, method).value for anchor, phi in sets.features.items()}
+def select_bandwidths(samplings: Sequence[ChoiceSets], method: str | float) -> dict[ChoiceSets, Bandwidths]:
+    """The bandwidth of every set, selected by `method`, on all cores.
+
+    Raises:
+        BandwidthError: a set has fewer than two distinct rows.
+    """
+
+    def select(sets: ChoiceSets) -> Bandwidths:
+        return {anchor: select_bandwidth(phi, method).value for anchor, phi in sets.features.items()}
+
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(samplings, pool.map(select, samplings), strict=True))
 
 
 def boltzmann_score(problem: Problem) -> Score:
     """Log likelihoods under Boltzmann."""
 
     def score(demonstrations: Array, sets: ChoiceSets, anchor: str) -> Array:
-        return log_likelihood(
-            Boltzmann(), demonstrations, sets.features[anchor], problem.thetas, problem.betas
-        )
+        return log_likelihood(Boltzmann(), demonstrations, sets.features[anchor], problem.thetas, problem.betas)
 
     return score
 

@@ -14,11 +14,11 @@ from pipeline.studies.choice_sets import (
     ChoiceSets,
     Problem,
     Score,
-    bandwidths,
     boltzmann_score,
     less_score,
     log_likelihoods,
     log_posteriors,
+    select_bandwidths,
     theta_marginals,
 )
 from pipeline.studies.posterior_spread import ALL
@@ -67,7 +67,7 @@ def inject_duplicates(
         the samplings of KL(clean || with copies)), `map_changed` (share of the samplings where another theta became
         the most probable) and `bandwidth` (median; null for Boltzmann).
     """
-    clean_widths = {sets: bandwidths(sets, bandwidth) for sets in samplings}
+    clean_widths = select_bandwidths(samplings, bandwidth)
     clean = {
         BOLTZMANN: _marginals(problem, samplings, boltzmann_score(problem)),
         LESS_MODEL: _marginals(problem, samplings, less_score(problem, clean_widths.__getitem__)),
@@ -78,7 +78,7 @@ def inject_duplicates(
     for copies in duplication.copies:
         for spread in duplication.spreads:
             joined = tuple(_with_copies(sets, noises[sets], copies, spread) for sets in samplings)
-            anew = {sets: bandwidths(sets, bandwidth) for sets in joined}
+            anew = select_bandwidths(joined, bandwidth)
             kept = dict(zip(joined, clean_widths.values(), strict=True))
             scores: dict[str, tuple[Score, Mapping[ChoiceSets, Bandwidths] | None]] = {
                 BOLTZMANN: (boltzmann_score(problem), None),

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 from scipy.special import entr
 
-from pipeline.choice import angle_to
 from pipeline.studies.choice_sets import Array, Demonstrations, unit
 
 ALL = "all"  # stands for all demonstrations together, as in posteriors.parquet
-
-
-class Truth(NamedTuple):
-    """What was wanted: its unit direction (F,), the row of the nearest theta of the grid, and the angle to that."""
-
-    direction: Array
-    theta_id: int
-    to_grid_rad: float
 
 
 def divergences(log_posteriors: Array) -> Array:
@@ -65,23 +53,13 @@ def jackknife_interval(pairs: Array, level: float = 0.95) -> tuple[float, float]
     return float(np.exp(centre - half_width)), float(np.exp(centre + half_width))
 
 
-def truths(demonstrations: Demonstrations, thetas: Array) -> list[Truth | None]:
-    """The truth of each demonstration and of all together, where it is known.
-
-    All together: the mean of the people's directions, brought to length one.
-    """
-    known = [truth for truth in demonstrations.truths if truth is not None]
-    mean = unit(np.sum(known, axis=0)) if known and len(known) == len(demonstrations.ids) else None
-    return [None if truth is None else _truth(truth, thetas) for truth in (*demonstrations.truths, mean)]
-
-
-def measures(marginals: Array, demonstrations: Demonstrations, thetas: Array) -> pl.DataFrame:
+def measures(marginals: Array, demonstrations: Demonstrations, angles: tuple[Array | None, ...]) -> pl.DataFrame:
     """Robustness and accuracy of the posteriors of each demonstration and of all together.
 
     Args:
         marginals: (R, n + 1, K) log posteriors over theta from R samplings, all demonstrations together last.
         demonstrations: n of them.
-        thetas: (K, F) unit directions.
+        angles: `Problem.truth_angles`, n + 1 of them.
 
     Returns:
         n + 1 rows: `demonstration_id`, `participant`, `sets` (R), `kl_aggregate` and its interval over samplings
@@ -95,7 +73,7 @@ def measures(marginals: Array, demonstrations: Demonstrations, thetas: Array) ->
     entropies = entr(np.exp(marginals)).sum(axis=2).mean(axis=0)
     best = marginals.argmax(axis=2)
     rows = []
-    for g, truth in enumerate(truths(demonstrations, thetas)):
+    for g, angle in enumerate(angles):
         low, high = jackknife_interval(pairs[g]) or (None, None)
         rows.append(
             {
@@ -107,9 +85,9 @@ def measures(marginals: Array, demonstrations: Demonstrations, thetas: Array) ->
                 "kl_high": high,
                 "kl_mean": float(totals[g]) / (count * (count - 1)),
                 "entropy": float(entropies[g]),
-                "true_posterior": truth and float(np.exp(marginals[:, g, truth.theta_id]).mean()),
-                "map_angle_rad": truth and _mean_angle(thetas, best[:, g], truth.direction),
-                "truth_to_grid_rad": truth and truth.to_grid_rad,
+                "true_posterior": None if angle is None else float(np.exp(marginals[:, g, angle.argmin()]).mean()),
+                "map_angle_rad": None if angle is None else float(angle[best[:, g]].mean()),
+                "truth_to_grid_rad": None if angle is None else float(angle.min()),
             }
         )
     floats = ("kl_low", "kl_high", "true_posterior", "map_angle_rad", "truth_to_grid_rad")
@@ -133,13 +111,3 @@ def true_direction(stated: dict[str, float], names: tuple[str, ...], scales: Arr
     """
     theta = np.array([stated.get(name, 0.0) for name in names]) * scales
     return unit(theta) if theta.any() else None
-
-
-def _truth(direction: Array, thetas: Array) -> Truth:
-    angles = [angle_to(theta, direction) for theta in thetas]
-    nearest = int(np.argmin(angles))
-    return Truth(direction, nearest, angles[nearest])
-
-
-def _mean_angle(thetas: Array, best: NDArray[np.intp], direction: Array) -> float:
-    return float(np.mean([angle_to(thetas[k], direction) for k in best]))

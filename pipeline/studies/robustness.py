@@ -19,11 +19,11 @@ from pipeline.studies.choice_sets import (
     ChoiceSets,
     Problem,
     Score,
-    bandwidths,
     boltzmann_score,
     less_score,
     log_likelihoods,
     log_posteriors,
+    select_bandwidths,
     theta_marginals,
 )
 from pipeline.studies.importance import effective_sample_size, weighted_score
@@ -64,9 +64,7 @@ def compare_samplings(problem: Problem, bandwidth: str | float) -> RobustnessRes
         StageError: a demonstration has no alternatives.
         BandwidthError: a set has fewer than two distinct rows.
     """
-    selected = {
-        sets: bandwidths(sets, bandwidth) for samplings in problem.regimes.values() for sets in samplings
-    }
+    selected = select_bandwidths([sets for samplings in problem.regimes.values() for sets in samplings], bandwidth)
     boltzmann, less = boltzmann_score(problem), less_score(problem, selected.__getitem__)
     likelihoods: dict[tuple[str, int, str], Array] = {}
     rows: list[pl.DataFrame] = []
@@ -90,13 +88,11 @@ def compare_samplings(problem: Problem, bandwidth: str | float) -> RobustnessRes
                 marginals = theta_marginals(log_posteriors(weighted))
                 rows.append(_measured(problem, marginals, KNOWN_DENSITY, size, WEIGHTED))
                 posteriors.append(_posterior_rows(problem, marginals, subset, KNOWN_DENSITY, size, WEIGHTED))
-    return RobustnessResult(
-        pl.concat(rows), pl.concat(posteriors), _set_rows(problem, selected), likelihoods, selected
-    )
+    return RobustnessResult(pl.concat(rows), pl.concat(posteriors), _set_rows(problem, selected), likelihoods, selected)
 
 
 def _measured(problem: Problem, marginals: Array, regime: str, size: int, model: str) -> pl.DataFrame:
-    table = measures(marginals, problem.demonstrations, problem.thetas)
+    table = measures(marginals, problem.demonstrations, problem.truth_angles)
     return table.select(
         pl.lit(regime).alias("regime"), pl.lit(model).alias("model"), pl.lit(size, pl.Int64).alias("set_size"), pl.all()
     )

@@ -15,6 +15,16 @@ from pipeline.studies.statistics import repeated_measures_anova, tukey_hsd
 SINGLE, BATCH = "single", "batch"
 RAW, LOG = "kl_aggregate", "log_kl_aggregate"
 FACTORS = ("model", "set_size")
+ANOVA = {
+    "regime": pl.String, "measure": pl.String, "effect": pl.String, "f": pl.Float64, "df_effect": pl.Int64,
+    "df_error": pl.Int64, "p_value": pl.Float64, "p_greenhouse_geisser": pl.Float64, "partial_eta_squared": pl.Float64,
+}  # fmt: skip
+POST_HOC = {
+    "regime": pl.String, "measure": pl.String, "set_size": pl.Int64, "model_a": pl.String, "model_b": pl.String,
+    "mean_a": pl.Float64, "mean_b": pl.Float64, "difference": pl.Float64, "ci_low": pl.Float64, "ci_high": pl.Float64,
+    "q": pl.Float64, "df": pl.Int64, "p_value": pl.Float64,
+}  # fmt: skip
+"""Columns of the two tables of `analyse_regime`."""
 
 
 def analyse_regime(robustness: pl.DataFrame, regime: str) -> tuple[pl.DataFrame, pl.DataFrame] | None:
@@ -76,7 +86,7 @@ def summarise(table: pl.DataFrame, by: Sequence[str], value: str) -> pl.DataFram
             dict(zip(by, key, strict=True)) | own
             | {"value": float(np.median(values)), "low": low, "high": high, "mean": float(values.mean())}
         )  # fmt: skip
-    floats = {name: pl.Float64 for name in ("value", "low", "high", "mean")}
+    floats = dict.fromkeys(("value", "low", "high", "mean"), pl.Float64)
     singles = pl.DataFrame(rows, schema_overrides={**{name: table.schema[name] for name in by}, **floats})
     ends = [
         pl.col(column).alias(name) if column in table.columns else pl.lit(None, pl.Float64).alias(name)
@@ -119,6 +129,6 @@ def _same_size(tukey: pl.DataFrame, only_size: int) -> pl.DataFrame:
     if "model_a" not in tukey.columns:
         raise ArgumentError("the table has one model; a comparison needs two.")
     same = tukey.filter(pl.col("set_size_a") == pl.col("set_size_b"))
-    return same.select(pl.col("set_size_a").cast(pl.Int64).alias("set_size"), pl.exclude("set_size_a", "set_size_b")).sort(
-        "set_size", maintain_order=True
-    )
+    return same.select(
+        pl.col("set_size_a").cast(pl.Int64).alias("set_size"), pl.exclude("set_size_a", "set_size_b")
+    ).sort("set_size", maintain_order=True)

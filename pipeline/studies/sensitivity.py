@@ -15,11 +15,11 @@ from pipeline.studies.choice_sets import (
     Bandwidths,
     ChoiceSets,
     Problem,
-    bandwidths,
     boltzmann_score,
     less_score,
     log_likelihoods,
     log_posteriors,
+    select_bandwidths,
     theta_marginals,
 )
 from pipeline.studies.posterior_spread import measures
@@ -140,7 +140,7 @@ def _selected(samplings: tuple[ChoiceSets, ...], method: str | float) -> dict[Ch
     with warnings.catch_warnings():
         # that `literal` ends at its bound is known and shows in the table's bandwidths
         warnings.simplefilter("ignore", BandwidthWarning)
-        return {sets: bandwidths(sets, method) for sets in samplings}
+        return select_bandwidths(samplings, method)
 
 
 def _median(selected: Iterable[Bandwidths]) -> float:
@@ -167,9 +167,5 @@ def _rows(problem: Problem, regime: str, size: int, settings: Iterable[Setting])
 
 def _measures(problem: Problem, posteriors: Array, setting: str) -> pl.DataFrame:
     """The measures; those of accuracy are about theta and so missing for joint posteriors."""
-    if setting != JOINT:
-        return measures(posteriors, problem.demonstrations, problem.thetas)
-    pairs = np.repeat(problem.thetas, len(problem.betas), axis=0)
-    return measures(posteriors, problem.demonstrations, pairs).with_columns(
-        pl.lit(None, pl.Float64).alias(name) for name in ("true_posterior", "map_angle_rad", "truth_to_grid_rad")
-    )
+    unknown = (None,) * (len(problem.demonstrations.ids) + 1)
+    return measures(posteriors, problem.demonstrations, unknown if setting == JOINT else problem.truth_angles)
