@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.params import Sample
+from pipeline.replay.scene import scene_files
 from pipeline.stages.planning import SEARCH, Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
@@ -49,7 +50,7 @@ def run(project: Project, name: str) -> None:
             for anchor, size, set_id in tracked(wanted, f"sample {name}")
         ]  # fmt: skip
         depends_on = [task.end_effector, task.surface, task.preferences, settings, planning.waypoints]
-        provenance = project.provenance(depends_on, [scene.path, source])
+        provenance = project.provenance(depends_on, [*scene_files(scene.path), source])
         rows = pl.concat([_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         shares = pl.concat([_shares(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         write_table(project.table(name, "alternatives"), "alternatives", rows, provenance)
