@@ -24,6 +24,8 @@ app = typer.Typer(
     "choice.\n\n`dvc repro` runs all stages that are out of date; the commands below run one stage, or look at results.",
 )
 STAGES, LOOK, SETUP = "Stages (what `dvc repro` calls)", "Look at results", "Bring your own"
+importer = typer.Typer(no_args_is_help=True, help="Turn published demonstrations into MCAP recordings.")
+app.add_typer(importer, name="import", rich_help_panel=SETUP)
 TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.")]
 
 
@@ -96,10 +98,10 @@ def shift(task: TaskName) -> None:
 
 @app.command(rich_help_panel=STAGES)
 def study(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the study: robustness.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="human-choice, grid-world or robustness.")],
     task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml.")] = None,
 ) -> None:
-    """Run a study and write its tables: `robustness TASK`."""
+    """Run one of the paper's experiments: `human-choice`, `grid-world`, or `robustness TASK`."""
     from pipeline.stages.study import run
 
     run(_project(), name, task)
@@ -186,6 +188,28 @@ def new_task(
     from pipeline.stages.new_task import add_task
 
     print(add_task(_project(), name, scene, recordings, end_effector))  # noqa: T201
+
+
+@importer.command("ferl")
+def import_ferl(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A pickle of the FERL or jaco_learning repository.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder that the recordings go into.")],
+    joints: Annotated[
+        str,
+        typer.Option(help="What the columns are called, separated by commas: j2s7s300_joint_1,j2s7s300_joint_2,..."),
+    ],
+    topic: Annotated[str, typer.Option(help="Topic of the recordings.")] = "/joint_states",
+    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Nominal rate where the file has no times.")] = 10.0,
+) -> None:
+    """Turn Python 2 pickles of joint arrays into recordings, one per demonstration. Nothing in FILE is executed.
+
+    Example for the JACO 2: `lessbench import ferl FERL_demos.p mine --topic /j2s7s300_driver/out/joint_state
+    --joints j2s7s300_joint_1,j2s7s300_joint_2,j2s7s300_joint_3,j2s7s300_joint_4,j2s7s300_joint_5,j2s7s300_joint_6,j2s7s300_joint_7`
+    """
+    from pipeline.stores.ferl import import_ferl
+
+    written = import_ferl(file, out, [name.strip() for name in joints.split(",")], topic, rate_hz)
+    print("\n".join(str(path) for path in written))  # noqa: T201
 
 
 def _project() -> Project:

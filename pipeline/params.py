@@ -197,6 +197,31 @@ class Robustness(_Section):
         return self
 
 
+class HumanChoice(_Section):
+    """See `pipeline.studies.human_choice`."""
+
+    choices: str
+    alpha: Annotated[float, Field(gt=0, lt=0.5)]
+    compare_with_paper: bool
+
+
+class GridWorld(_Section):
+    """See `pipeline.studies.grid_world_trials.GridWorldSettings`."""
+
+    size: Annotated[int, Field(ge=3, le=11)]
+    objects: tuple[tuple[int, int], tuple[int, int]]
+    beta: Positive
+    demonstrations: Annotated[int, Field(ge=1)]
+    seeds: Annotated[int, Field(ge=2)]
+
+
+class Studies(_Section):
+    """The experiments that do not need a robot."""
+
+    human_choice: HumanChoice
+    grid_world: GridWorld
+
+
 class Params(_Section):
     """The whole of params.yaml."""
 
@@ -209,6 +234,7 @@ class Params(_Section):
     density: Density
     infer: Infer
     robustness: Robustness
+    studies: Studies
 
     @model_validator(mode="after")
     def _across_sections(self) -> Params:
@@ -221,11 +247,6 @@ class Params(_Section):
                     f"simulate.weights.{name} names {unknown[0]!r}; allowed are the task's preferences "
                     f"{one_of(self.tasks[name].preferences)}"
                 )
-        if self.sample.sizes and self.robustness.duplicates.set_size not in self.sample.sizes:
-            raise ValueError(
-                f"robustness.duplicates.set_size is {self.robustness.duplicates.set_size}; it must be one of sample.sizes, "
-                f"{', '.join(map(str, self.sample.sizes))}"
-            )
         return self
 
     def task(self, name: str) -> Task:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.project import STUDIES, Project, recorded_run
 from pipeline.stores.catalog import build_catalog
 from schemas import names
 
 
 def run(project: Project) -> None:
-    """Write datasets/catalog.duckdb."""
+    """Write datasets/catalog.duckdb from every table that is there."""
     with recorded_run(project, "catalog", "all") as record:
-        tables: dict[str, list[tuple[str, Path]]] = {}
+        tables: dict[str, list[tuple[str | None, Path]]] = {}
         for name in names():
-            files = [(task, project.table(task, name)) for task in project.params.tasks]
-            present = [(task, file) for task, file in files if file.is_file()]
+            files = [(task, project.table(task, name)) for task in (*project.params.tasks, STUDIES)]
+            present = [(task if task != STUDIES else None, file) for task, file in files if file.is_file()]
             if present:
                 tables[name] = present
         rows = build_catalog(project.catalog, tables)

@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.replay.features import bind_features
+from pipeline.replay.scene import scene_files
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
@@ -34,6 +35,6 @@ def run(project: Project, name: str) -> None:
         )
         values = features.evaluate(waypoints)
         table = rows.with_columns(pl.Series(feature, values[:, f]) for f, feature in enumerate(features.names))
-        provenance = project.provenance([task.features, task.end_effector], [*sources, scene.path])
+        provenance = project.provenance([task.features, task.end_effector], [*sources, *scene_files(scene.path)])
         write_table(project.table(name, "features"), "features", table, provenance)
         record.produced = f"{table.height:,} trajectories x {len(features.names)} features"

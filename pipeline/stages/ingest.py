@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.errors import RecordingError, StageError
-from pipeline.replay.scene import Scene
+from pipeline.replay.scene import Scene, scene_files
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
@@ -45,7 +45,7 @@ def run(project: Project, name: str) -> None:
             except RecordingError as error:
                 rejected.append({"source": file.name, "reason": error.reason, "detail": error.detail})
         depends_on = [task.end_effector, settings]
-        provenance = project.provenance(depends_on, [folder, scene.path])
+        provenance = project.provenance(depends_on, [folder, *scene_files(scene.path)])
         write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(rejected, REJECTED), provenance)
         if rejected and (settings.on_rejected == "stop" or not rows):
             raise StageError(_refusal(project, name, rejected, len(files)))

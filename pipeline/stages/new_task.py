@@ -14,6 +14,9 @@ from pipeline.stores.whole import written_whole
 
 TABLES = (
     "demonstrations", "rejected", "alternatives", "sampling", "features", "scales", "densities", "posteriors", "held_out",
+    "shifted_alternatives", "shifted_sampling", "shifted_features", "robustness", "robustness_posteriors",
+    "robustness_sets", "robustness_summary", "robustness_anova", "robustness_post_hoc", "sensitivity",
+    "sensitivity_summary", "duplicates", "duplicates_summary",
 )  # fmt: skip
 
 

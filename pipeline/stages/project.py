@@ -18,6 +18,7 @@ from pipeline.errors import ParameterError
 from pipeline.params import Params, Task
 
 RUNS = ".lessbench/runs"
+STUDIES = "studies"  # stands where a task's name would, for tables of no task
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
 from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
+from pipeline.replay.scene import scene_files
 from pipeline.stages.infer import hypotheses
 from pipeline.stages.project import Project, Run, recorded_run
 from pipeline.stages.sample import WORKING
@@ -40,10 +41,11 @@ def run(project: Project, name: str) -> None:
         features = bind_features(scene, task.features)
         tables = _tables(project, name, task, features, sources, record)
         settings = [
-            task.features, task.end_effector, task.thetas, project.params.infer, project.params.density,
+            task.features, task.end_effector, task.thetas, project.params.infer.theta_values, project.params.infer.betas,
+            project.params.density,
             project.params.robustness.duplicates, project.params.robustness.bandwidth_factors,
         ]  # fmt: skip
-        provenance = project.provenance(settings, [*sources.values(), scene.path])
+        provenance = project.provenance(settings, [*sources.values(), *scene_files(scene.path)])
         for table, rows in tables.items():
             write_table(project.table(name, table), table, rows, provenance)
 
@@ -57,7 +59,7 @@ def _tables(
         {"id": "alternative_id"}
     )
     shifted = _featurized(read_table(sources["shifted_alternatives"], "shifted_alternatives"), features)
-    _require_sets(alternatives, name)
+    _require_sets(alternatives, settings.duplicates.set_size)
     scales = read_table(sources["scales"], "scales")
     scale = scales["scale"].to_numpy()
     people = read_table(sources["demonstrations"], "demonstrations", ["demonstration_id", "participant", "true_theta"])
@@ -151,10 +153,13 @@ def _choice_sets(table: pl.DataFrame, names: tuple[str, ...], scale: Array) -> t
     return tuple(found)
 
 
-def _require_sets(alternatives: pl.DataFrame, name: str) -> None:
-    counts = alternatives.group_by("set_size").agg(pl.col("set_id").n_unique())["set_id"].to_list()
-    if min(counts, default=0) < 2:
+def _require_sets(alternatives: pl.DataFrame, size: int) -> None:
+    counts = dict(alternatives.group_by("set_size").agg(pl.col("set_id").n_unique()).iter_rows())
+    if min(counts.values(), default=0) < 2:
         raise StageError(
-            f"{name}: the study compares sets of one size, and there are not two; give sample.sizes and set sample.sets to "
-            "2 or more"
+            "the study compares sets of one size, and there are not two; give sample.sizes and set sample.sets to 2 or more"
+        )
+    if size not in counts:
+        raise StageError(
+            f"robustness.duplicates.set_size is {size}; it must be one of sample.sizes, {', '.join(map(str, sorted(counts)))}"
         )

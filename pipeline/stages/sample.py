@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.params import Sample
+from pipeline.replay.scene import scene_files
 from pipeline.stages.planning import SEARCH, Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
@@ -44,7 +45,7 @@ def run(project: Project, name: str) -> None:
             for anchor, size, set_id in tracked(wanted, f"sample {name}")
         ]
         depends_on = [task.end_effector, task.surface, task.preferences, settings, planning.waypoints]
-        provenance = project.provenance(depends_on, [scene.path, source])
+        provenance = project.provenance(depends_on, [*scene_files(scene.path), source])
         rows = pl.concat([alternative_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         shares = pl.concat([sampling_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         write_table(project.table(name, "alternatives"), "alternatives", rows, provenance)
@@ -63,13 +64,11 @@ def sampling_anchors(planning: Planning, settings: Sample, demonstrations: pl.Da
 
 
 def draw_set(planning: Planning, sampler: Sampler, rng: np.random.Generator, anchor: Anchor, size: int) -> Draw:
-    """One set of alternatives. A person may start or end beyond a limit; then the limit is where the person was."""
+    """One set of alternatives."""
+    lower, upper = planning.limits(anchor)
     return draw_admissible(
-        sampler, rng, anchor, size, planning.waypoints,
-        lower=np.minimum(planning.scene.lower, np.minimum(anchor.start, anchor.goal)),
-        upper=np.maximum(planning.scene.upper, np.maximum(anchor.start, anchor.goal)),
-        admissible=planning.admissible,
-    )  # fmt: skip
+        sampler, rng, anchor, size, planning.waypoints, lower=lower, upper=upper, admissible=planning.admissible
+    )
 
 
 def _sets(settings: Sample) -> Iterator[tuple[int, str]]:
@@ -95,13 +94,14 @@ def planned_sampler(
 ) -> Planner:
     """The planner, its paths planned once from `anchor`; they serve other anchors as deviations from the straight path."""
     scales = planning.preference_scales(child_rng(*stream, "scales"), anchor, Deformation())
+    lower, upper = planning.limits(anchor)
     planned = optimise_paths(
         [child_rng(*stream, path) for path in range(count)],
         anchor,
         random_weights(child_rng(*stream, "weights"), count, len(scales)),
         planning.scaled(scales),
-        lower=planning.scene.lower,
-        upper=planning.scene.upper,
+        lower=lower,
+        upper=upper,
         n_waypoints=planning.waypoints,
         search=SEARCH,
     )

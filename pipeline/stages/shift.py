@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
 
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.params import Sample, ShiftedSampler
+from pipeline.replay.scene import scene_files
 from pipeline.stages.planning import Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
@@ -29,30 +31,32 @@ def run(project: Project, name: str) -> None:
         planning = Planning(scene, task, project.params.ingest.waypoints)
         source = project.table(name, "demonstrations")
         anchors = sampling_anchors(planning, settings, read_table(source, "demonstrations"))
-        samplers = _samplers(planning, settings, specs, next(iter(anchors.values())), seed, name)
-        wanted = [(anchor, size, label) for anchor in anchors for size in settings.sizes for label in samplers]
         rows, shares = [], []
-        for anchor, size, label in tracked(wanted, f"shift {name}"):
-            rng = child_rng(seed, "shift", name, anchor, size, label)
-            draw = draw_set(planning, samplers[label], rng, anchors[anchor], size)
-            log_proposal = _log_proposal(samplers[label], draw, anchors[anchor])
-            rows.append(alternative_rows(draw, anchor, size, label).with_columns(log_proposal=log_proposal))
-            shares.append(sampling_rows(draw, anchor, size, label))
+        for label, anchor in tracked(list(anchors.items()), f"shift {name}"):
+            # planned anew from every anchor: what is clear of the surface from one may not be from another
+            for set_id, sampler in _samplers(planning, settings, specs, anchor, seed, name).items():
+                for size in settings.sizes:
+                    draw = draw_set(
+                        planning, sampler, child_rng(seed, "shift", name, label, size, set_id), anchor, size
+                    )
+                    log_proposal = _log_proposal(sampler, draw, anchor)
+                    rows.append(alternative_rows(draw, label, size, set_id).with_columns(log_proposal=log_proposal))
+                    shares.append(sampling_rows(draw, label, size, set_id))
         depends_on = [
             task.end_effector, task.surface, task.preferences, settings.anchor, settings.sizes, settings.planner.width_rad,
             settings.deformation.modes, {key: spec.model_dump() for key, spec in specs.items()}, planning.waypoints,
         ]  # fmt: skip
-        provenance = project.provenance(depends_on, [scene.path, source])
+        provenance = project.provenance(depends_on, [*scene_files(scene.path), source])
         table = pl.concat(rows)
         write_table(project.table(name, "shifted_alternatives"), "shifted_alternatives", table, provenance)
         write_table(project.table(name, "shifted_sampling"), "shifted_sampling", pl.concat(shares), provenance)
-        record.produced = f"{len(wanted)} sets from {len(samplers)} samplers, {table.height:,} trajectories"
+        record.produced = f"{len(rows)} sets from {len(specs)} samplers, {table.height:,} trajectories"
 
 
 def _samplers(
     planning: Planning, settings: Sample, specs: Mapping[str, ShiftedSampler], anchor: Anchor, seed: int, name: str
 ) -> dict[str, Sampler]:
-    """Each by its label; those that deform have the same modes, so that their densities are of the same amplitudes."""
+    """Each by its name. All deform with the same modes, so that their densities are of the same amplitudes."""
     simple: dict[str, Sampler] = {}
     for label, spec in specs.items():
         if spec.width_rad is not None:
@@ -61,14 +65,13 @@ def _samplers(
             simple[label] = ViaPoint(spec.reach_rad, name=label)
         elif spec.paths is not None:
             stream = (seed, "shift-planner", name, label)
-            planner = planned_sampler(planning, settings, anchor, spec.paths, stream)
-            simple[label] = type(planner)(planner.paths, planner.deformation, name=label)
-    return {
+            simple[label] = replace(planned_sampler(planning, settings, anchor, spec.paths, stream), name=label)
+    mixtures: dict[str, Sampler] = {
         label: Mixture(tuple(simple[part] for part in spec.of), (1.0,) * len(spec.of), name=label)
-        if spec.of
-        else simple[label]
         for label, spec in specs.items()
+        if spec.of is not None
     }
+    return simple | mixtures
 
 
 def _log_proposal(sampler: Sampler, draw: Draw, anchor: Anchor) -> pl.Series:

@@ -17,7 +17,11 @@ class Study:
     per_task: bool
 
 
-STUDIES = {"robustness": Study("pipeline.stages.robustness", per_task=True)}
+STUDIES = {
+    "human-choice": Study("pipeline.stages.human_choice", per_task=False),
+    "grid-world": Study("pipeline.stages.grid_world", per_task=False),
+    "robustness": Study("pipeline.stages.robustness", per_task=True),
+}
 
 
 def run(project: Project, name: str, task: str | None) -> None:

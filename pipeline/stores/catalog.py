@@ -59,13 +59,13 @@ VIEWS = {
 }
 
 
-def build_catalog(path: Path, tables: Mapping[str, Sequence[tuple[str, Path]]]) -> dict[str, int]:
+def build_catalog(path: Path, tables: Mapping[str, Sequence[tuple[str | None, Path]]]) -> dict[str, int]:
     """Write the catalog anew, whole or not at all.
 
     Args:
         path: the database file.
-        tables: per schema name, the Parquet files with the task each belongs to. A table without a `task` column
-            gets one; arrays become lists, since their lengths may differ between tasks.
+        tables: per schema name, the Parquet files with the task each belongs to, if any. A table of a task without a
+            `task` column gets one; arrays become lists, since their lengths may differ between tasks.
 
     Returns:
         rows per table.
@@ -124,10 +124,10 @@ def ask(path: Path, sql: str, time_limit_s: float = TIME_LIMIT_S) -> pl.DataFram
         raise QueryError(" ".join(str(error).split("\n\n")[0].split())) from None
 
 
-def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Sequence[tuple[str, Path]]) -> int:
+def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Sequence[tuple[str | None, Path]]) -> int:
     names = [column.name for column in contract.columns]
     for number, (task, file) in enumerate(files):
-        task_column = "" if "task" in names else f"{_literal(task)} as task, "
+        task_column = "" if task is None or "task" in names else f"{_literal(task)} as task, "
         selection = f"select {task_column}{_columns(con, file)} from read_parquet({_literal(str(file))})"
         con.execute(f"create temp table part_{number} as {selection}")
     union = " union all by name ".join(f"from part_{number}" for number in range(len(files)))

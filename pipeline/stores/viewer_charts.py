@@ -12,7 +12,6 @@ import numpy as np
 import rerun as rr
 
 from pipeline.stores import palette
-from pipeline.stores.viewer_posteriors import MODEL_NAMES
 from pipeline.stores.viewer_text import drawable, log_labels, part
 
 if TYPE_CHECKING:
@@ -32,8 +31,8 @@ _LINE, _HAIR = rr.Radius.ui_points(1.3), rr.Radius.ui_points(0.4)
 def log_densities(recording: rr.RecordingStream, inspection: Inspection) -> None:
     """Log the curves of each feature under `/density`, and the map of two features under `/map`."""
     for curve in inspection.curves:
-        _log_curve(recording, curve)
-    _log_map(recording, inspection.map)
+        log_curve(recording, curve)
+    log_map(recording, inspection.map)
 
 
 def log_summary(recording: rr.RecordingStream, inspection: Inspection) -> None:
@@ -62,7 +61,8 @@ def _with_margins(width: float, height: float) -> Bounds:
     return (-0.15 * width, 1.03 * width), (-0.05 * height, 1.12 * height)
 
 
-def _log_curve(recording: rr.RecordingStream, curve: DensityCurve) -> None:
+def log_curve(recording: rr.RecordingStream, curve: DensityCurve) -> None:
+    """Log both densities along one feature, and marks where the demonstrations are."""
     entity, width = curve_entity(curve.feature), float(curve.grid.size)
     height = _CURVE_SHAPE * width
     top = float(max(curve.raw.max(), curve.adjusted.max())) / 0.95
@@ -86,7 +86,8 @@ def _log_curve(recording: rr.RecordingStream, curve: DensityCurve) -> None:
     log_labels(recording, f"{entity}/legend", at, named, colors=colors)
 
 
-def _log_map(recording: rr.RecordingStream, density: DensityMap) -> None:
+def log_map(recording: rr.RecordingStream, density: DensityMap) -> None:
+    """Log the density over two features as an image under `/map`, and the demonstrations as points."""
     height, width = density.density.shape
     # one dense spot, common with features that are often zero, would leave the rest dark on a linear scale
     share = np.sqrt(density.density[::-1] / density.density.max())
@@ -137,7 +138,7 @@ def ticks(low: float, high: float) -> Floats:
 
 def _legend(inspection: Inspection) -> str:
     final = {model: posterior[-1] for model, posterior in inspection.posteriors.items()}
-    names = [MODEL_NAMES.get(model, model) for model in final]
+    names = [palette.model_name(model) for model in final]
     order = np.argsort(-np.max(list(final.values()), axis=0), kind="stable")[:3]
     rows = [
         f"| {inspection.theta_labels[k]} | " + " | ".join(f"{p[k]:.3f}" for p in final.values()) + " |" for k in order

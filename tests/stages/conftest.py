@@ -65,7 +65,22 @@ PARAMETERS: dict[str, Any] = {
     },
     "features": {"scale": "range"},
     "density": {"bandwidth": "leave-one-out"},
+    "studies": {
+        "human_choice": {"choices": "choices.csv", "alpha": 0.05, "compare_with_paper": False},
+        "grid_world": {
+            "size": 4, "objects": [[0, 3], [3, 0]], "beta": 5.0, "demonstrations": 3, "seeds": 4,
+        },
+    },
     "infer": {"models": ["boltzmann", "less"], "theta_values": [0, 0.5, 1], "betas": [0.3, 3, 30]},
+    "robustness": {
+        "samplers": {
+            "near": {"kind": "deformation", "width_rad": 0.1}, "far": {"kind": "deformation", "width_rad": 0.3},
+            "both": {"kind": "mixture", "of": ["near", "far"]}, "via": {"kind": "via-point", "reach_rad": 0.4},
+            "planned": {"kind": "planner", "paths": 2},
+        },
+        "duplicates": {"set_size": 20, "copied": 2, "copies": [1, 4], "spreads": [0, 0.05]},
+        "bandwidth_factors": [0.5, 1],
+    },
 }  # fmt: skip
 
 

@@ -1,0 +1,25 @@
+"""Stage: the grid-world studies of section 4."""
+
+from __future__ import annotations
+
+from pipeline.stages.project import STUDIES, Project, recorded_run
+from pipeline.stores.tables import write_table
+from pipeline.studies.grid_world import run_grid_world
+from pipeline.studies.grid_world_trials import GridWorldSettings
+
+
+def run(project: Project) -> None:
+    """Write grid_world.parquet and the grid_world tables that sum it up."""
+    settings = project.params.studies.grid_world
+    with recorded_run(project, "grid-world", STUDIES) as record:
+        study = run_grid_world(GridWorldSettings(**settings.model_dump(), random_seed=project.params.seed))
+        tables = {
+            "grid_world": study.trials,
+            "grid_world_bandwidths": study.bandwidths,
+            **{f"grid_world_{name}": table for name, table in vars(study.analysis).items()},
+            **{f"grid_world_{name}": table for name, table in vars(study.examples).items()},
+        }
+        provenance = project.provenance([settings], [])
+        for name, table in tables.items():
+            write_table(project.table(STUDIES, name), name, table, provenance)
+        record.produced = f"{study.trials.height:,} posteriors of the true theta"

@@ -1,0 +1,46 @@
+"""Stage: the human choice study of section 3, or anybody's choices in the same columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import polars as pl
+
+from pipeline.errors import StageError
+from pipeline.stages.project import STUDIES, Project, recorded_run
+from pipeline.stores.tables import write_table
+from pipeline.studies.human_choice import analyse_choices, compare_with_paper
+
+
+def run(project: Project) -> None:
+    """Write the human_choice tables.
+
+    Raises:
+        StageError: the file of choices is missing or is no CSV.
+        TableError: see `analyse_choices`.
+    """
+    settings = project.params.studies.human_choice
+    with recorded_run(project, "human-choice", STUDIES) as record:
+        source = project.path(settings.choices)
+        study = analyse_choices(_choices(source), alpha=settings.alpha)
+        provenance = project.provenance([settings], [source])
+        tables = {"control": study.control, "predictions": study.predictions, "tests": study.tests}
+        paper = compare_with_paper(study) if settings.compare_with_paper else pl.DataFrame(schema=PAPER)
+        for name, table in (tables | {"paper": paper}).items():
+            write_table(project.table(STUDIES, f"human_choice_{name}"), f"human_choice_{name}", table, provenance)
+        record.produced = f"{study.tests.height} tests of {int(study.tests['n'][0])} choices"
+
+
+PAPER = {
+    "quantity": pl.String, "comparison": pl.String, "model": pl.String, "printed": pl.String, "value": pl.Float64,
+    "agrees": pl.Boolean, "note": pl.String,
+}  # fmt: skip
+
+
+def _choices(source: Path) -> pl.DataFrame:
+    try:
+        return pl.read_csv(source)
+    except FileNotFoundError:
+        raise StageError(f"{source}: there is no such file; studies.human_choice.choices names it") from None
+    except pl.exceptions.PolarsError as error:
+        raise StageError(f"{source}: cannot be read as CSV ({' '.join(str(error).split())})") from None
