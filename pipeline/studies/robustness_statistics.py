@@ -50,7 +50,8 @@ def analyse_regime(robustness: pl.DataFrame, regime: str) -> tuple[pl.DataFrame,
         within = [factor for factor in FACTORS if means[factor].n_unique() > 1]
         try:
             anova = repeated_measures_anova(means, measure, within, "participant")
-            tukey = tukey_hsd(means, measure, within, "participant")
+            same = "set_size" if "set_size" in within else None
+            tukey = tukey_hsd(means, measure, within, "participant", same=same)
         except ArgumentError:
             return None
         own = (pl.lit(regime).alias("regime"), pl.lit(measure).alias("measure"))
@@ -124,11 +125,10 @@ def median_interval(values: Array, level: float = 0.95) -> tuple[float, float] |
 
 
 def _same_size(tukey: pl.DataFrame, only_size: int) -> pl.DataFrame:
-    if "set_size_a" not in tukey.columns:
-        tukey = tukey.with_columns(set_size_a=pl.lit(str(only_size)), set_size_b=pl.lit(str(only_size)))
+    """One column for the size of both cells; `only_size` where the size is no factor."""
     if "model_a" not in tukey.columns:
         raise ArgumentError("the table has one model; a comparison needs two.")
-    same = tukey.filter(pl.col("set_size_a") == pl.col("set_size_b"))
-    return same.select(
-        pl.col("set_size_a").cast(pl.Int64).alias("set_size"), pl.exclude("set_size_a", "set_size_b")
-    ).sort("set_size", maintain_order=True)
+    size = pl.col("set_size_a").cast(pl.Int64) if "set_size_a" in tukey.columns else pl.lit(only_size, pl.Int64)
+    return tukey.select(size.alias("set_size"), pl.exclude("set_size_a", "set_size_b")).sort(
+        "set_size", maintain_order=True
+    )
