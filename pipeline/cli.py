@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.errors import WorkbenchError
+from pipeline.errors import StageError, WorkbenchError, one_of
 
 if TYPE_CHECKING:
     import polars as pl
@@ -27,6 +28,8 @@ STAGES, LOOK, SETUP = "Stages (what `dvc repro` calls)", "Look at results", "Bri
 importer = typer.Typer(no_args_is_help=True, help="Turn published demonstrations into MCAP recordings.")
 app.add_typer(importer, name="import", rich_help_panel=SETUP)
 TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.")]
+TaskOrStudies = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml, or `studies`.")]
+STUDY_STAGES = {"human-choice": "pipeline.stages.human_choice", "grid-world": "pipeline.stages.grid_world"}
 
 
 def main() -> None:
@@ -97,6 +100,22 @@ def inspect(task: TaskName) -> None:
 
 
 @app.command(rich_help_panel=STAGES)
+def study(name: Annotated[str, typer.Argument(metavar="STUDY", help=f"One of {', '.join(STUDY_STAGES)}.")]) -> None:
+    """Run one of the paper's studies and write its tables into datasets/studies."""
+    if name not in STUDY_STAGES:
+        raise StageError(f"no study {name!r}; allowed are {one_of(STUDY_STAGES)}.")
+    import_module(STUDY_STAGES[name]).run(_project())
+
+
+@app.command(rich_help_panel=STAGES)
+def figures(task: TaskOrStudies) -> None:
+    """Draw the figures of a task or of the studies, as SVG and PNG."""
+    from pipeline.stages.figures import run, run_studies
+
+    return run_studies(_project()) if task == "studies" else run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
 def catalog() -> None:
     """Gather all tables in datasets/catalog.duckdb."""
     from pipeline.stages.catalog import run
@@ -117,11 +136,12 @@ def sql(question: Annotated[str, typer.Argument(metavar="QUESTION", help="One SQ
 
 @app.command(rich_help_panel=LOOK)
 def view(task: TaskName) -> None:
-    """Open the task's recording in the Rerun viewer."""
+    """Open the recording of a task in the Rerun viewer."""
     from pipeline.stores.viewer import open_viewer
 
     project = _project()
-    project.params.task(task)
+    if task != "studies":
+        project.params.task(task)
     open_viewer(project.datasets / task / "inspect.rrd")
 
 
