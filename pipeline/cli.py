@@ -92,11 +92,11 @@ def infer(task: TaskName) -> None:
 
 
 @app.command(rich_help_panel=STAGES)
-def inspect(task: TaskName) -> None:
+def inspect(task: TaskOrStudies) -> None:
     """Write inspect.rrd, the recording that `lessbench view` opens."""
-    from pipeline.stages.inspect import run
+    from pipeline.stages import inspect, studies_inspect
 
-    run(_project(), task)
+    return studies_inspect.run(_project()) if task == "studies" else inspect.run(_project(), task)
 
 
 @app.command(rich_help_panel=STAGES)
@@ -135,8 +135,8 @@ def sql(question: Annotated[str, typer.Argument(metavar="QUESTION", help="One SQ
 
 
 @app.command(rich_help_panel=LOOK)
-def view(task: TaskName) -> None:
-    """Open the recording of a task in the Rerun viewer."""
+def view(task: TaskOrStudies) -> None:
+    """Open the recording of a task or of the studies in the Rerun viewer."""
     from pipeline.stores.viewer import open_viewer
 
     project = _project()
