@@ -31,7 +31,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("recording", type=Path, help="an inspect.rrd")
     parser.add_argument("picture", type=Path, help="the PNG to write")
-    parser.add_argument("--time-s", type=float, default=0.0, help="seconds into the replay (default: its start)")
+    parser.add_argument("--time-s", type=float, help="seconds into the replay (default: where it opens)")
     parser.add_argument("--size", default="1600x1000", help="of the window, in points (default: %(default)s)")
     given = parser.parse_args()
     try:
@@ -40,7 +40,7 @@ def main() -> None:
         sys.exit(f"take_pictures: {error}")
 
 
-def take_picture(recording: Path, picture: Path, time_s: float, size: str = "1600x1000") -> None:
+def take_picture(recording: Path, picture: Path, time_s: float | None, size: str = "1600x1000") -> None:
     """Write what the viewer shows of `recording` at `time_s` of its replay.
 
     Raises:
@@ -48,7 +48,8 @@ def take_picture(recording: Path, picture: Path, time_s: float, size: str = "160
     """
     with headless_viewer(recording, size) as viewer:
         viewer.run_command("ui.toggle_top_panel")
-        viewer.set_time(timeline=TIMELINE, duration=time_s, play_state="paused")
+        if time_s is not None:
+            viewer.set_time(timeline=TIMELINE, duration=time_s, play_state="paused")
         time.sleep(_NOTICES_S)
         problems = [str(report) for view in viewer.get_state().views for report in view.reports]
         if problems:

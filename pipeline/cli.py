@@ -27,6 +27,7 @@ STAGES, LOOK, SETUP = "Stages (what `dvc repro` calls)", "Look at results", "Bri
 importer = typer.Typer(no_args_is_help=True, help="Turn published demonstrations into MCAP recordings.")
 app.add_typer(importer, name="import", rich_help_panel=SETUP)
 TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.")]
+TaskOrStudies = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml, or `studies`.")]
 
 
 def main() -> None:
@@ -108,11 +109,19 @@ def study(
 
 
 @app.command(rich_help_panel=STAGES)
-def inspect(task: TaskName) -> None:
+def inspect(task: TaskOrStudies) -> None:
     """Write inspect.rrd, the recording that `lessbench view` opens."""
-    from pipeline.stages.inspect import run
+    from pipeline.stages import inspect, studies_inspect
 
-    run(_project(), task)
+    return studies_inspect.run(_project()) if task == "studies" else inspect.run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def figures(task: TaskOrStudies) -> None:
+    """Draw the figures of a task or of the studies, as SVG and PNG."""
+    from pipeline.stages.figures import run, run_studies
+
+    return run_studies(_project()) if task == "studies" else run(_project(), task)
 
 
 @app.command(rich_help_panel=STAGES)
@@ -135,12 +144,13 @@ def sql(question: Annotated[str, typer.Argument(metavar="QUESTION", help="One SQ
 
 
 @app.command(rich_help_panel=LOOK)
-def view(task: TaskName) -> None:
-    """Open the task's recording in the Rerun viewer."""
+def view(task: TaskOrStudies) -> None:
+    """Open the recording of a task or of the studies in the Rerun viewer."""
     from pipeline.stores.viewer import open_viewer
 
     project = _project()
-    project.params.task(task)
+    if task != "studies":
+        project.params.task(task)
     open_viewer(project.datasets / task / "inspect.rrd")
 
 

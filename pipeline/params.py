@@ -260,13 +260,25 @@ class Params(_Section):
         return self.tasks[name]
 
 
-def load(path: Path) -> Params:
+def load(path: Path, overlay: Path | None = None) -> Params:
     """Read and check the parameters in the YAML file `path` (plain data only: no tags, no objects).
 
+    Args:
+        path: params.yaml.
+        overlay: a YAML file that says only what is different: sections are merged, anything else is replaced.
+
     Raises:
-        ParameterError: the file is missing, is not YAML, or a field is unknown, missing or out of range.
+        ParameterError: a file is missing, is not YAML, or a field is unknown, missing or out of range.
     """
-    return parse(_read_yaml(path), str(path))
+    document = _read_yaml(path)
+    if overlay is None:
+        return parse(document, str(path))
+    changes = _read_yaml(overlay)
+    if not isinstance(document, dict) or not isinstance(changes, dict):
+        raise ParameterError(
+            f"{overlay}: holds no parameters; needed are sections of {path.name} with what is different"
+        )
+    return parse(_merged(document, changes), f"{path} with {overlay}")
 
 
 def parse(document: object, source: str = FILE) -> Params:
@@ -283,6 +295,15 @@ def fingerprint(*parts: BaseModel | object) -> str:
     """SHA-256 over the parameters a result depends on, as canonical JSON."""
     plain = [part.model_dump(mode="json") if isinstance(part, BaseModel) else part for part in parts]
     return hashlib.sha256(json.dumps(plain, sort_keys=True, default=dict).encode()).hexdigest()
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`base` with `changes`; where both have a section, merged likewise."""
+    both = dict(base)
+    for key, value in changes.items():
+        here = base.get(key)
+        both[key] = _merged(here, value) if isinstance(here, dict) and isinstance(value, dict) else value
+    return both
 
 
 def _read_yaml(path: Path) -> object:

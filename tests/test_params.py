@@ -93,3 +93,19 @@ def test_a_fingerprint_sees_a_change_and_only_that(document: dict[str, Any]) -> 
     second = parse(document)
     assert fingerprint(first.sample) == fingerprint(second.sample)
     assert fingerprint(first.infer) != fingerprint(second.infer)
+
+
+def test_an_overlay_says_only_what_is_different(tmp_path: Path) -> None:
+    overlay = tmp_path / "mine.yaml"
+    overlay.write_text("infer: {betas: [1, 2]}\nsample: {anchor: demonstration}\n")
+    plain, changed = load(SHIPPED), load(SHIPPED, overlay)
+    assert changed.infer.betas == (1, 2)
+    assert changed.sample.anchor == "demonstration"
+    assert changed.sample.sizes == plain.sample.sizes
+    assert changed.tasks == plain.tasks
+    overlay.write_text("infer: {beta: 1}\n")
+    with pytest.raises(ParameterError, match=r"params\.yaml with .*mine\.yaml: there is no parameter 'infer\.beta'"):
+        load(SHIPPED, overlay)
+    overlay.write_text("")
+    with pytest.raises(ParameterError, match="holds no parameters"):
+        load(SHIPPED, overlay)

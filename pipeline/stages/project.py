@@ -23,9 +23,15 @@ STUDIES = "studies"  # stands where a task's name would, for tables of no task
 
 @dataclass(frozen=True)
 class Project:
-    """A folder with a params.yaml; every path in the parameters is relative to it."""
+    """A folder with a params.yaml; every path in the parameters is relative to it.
+
+    Attributes:
+        root: the folder.
+        overlay: a file of parameters that are different from those in params.yaml, or None.
+    """
 
     root: Path
+    overlay: Path | None = None
 
     @cached_property
     def params(self) -> Params:
@@ -34,7 +40,7 @@ class Project:
         Raises:
             ParameterError: see `pipeline.params.load`.
         """
-        return params.load(self.root / params.FILE)
+        return params.load(self.root / params.FILE, self.overlay)
 
     @property
     def datasets(self) -> Path:
@@ -72,15 +78,19 @@ class Project:
         return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else path.name
 
 
-def find_project(start: Path) -> Project:
+def find_project(start: Path, overlay: Path | None = None) -> Project:
     """The project that the folder `start` is in: it or the nearest folder above that has a params.yaml.
+
+    Args:
+        start: where to begin.
+        overlay: see `Project`.
 
     Raises:
         ParameterError: there is none.
     """
     for folder in (start, *start.parents):
         if (folder / params.FILE).is_file():
-            return Project(folder)
+            return Project(folder, overlay)
     raise ParameterError(f"{start}: neither here nor in a folder above is a {params.FILE}; run this inside a project")
 
 

@@ -44,7 +44,7 @@ VIEWS = {
     ),
     "model_comparison": (
         "held_out",
-        "how well each model predicts a demonstration from the others, on the working set: log predictive density in nats, "
+        "how well each model predicts a demonstration from the others, on the working set: log predictive probability in nats, "
         "its mean per demonstration, and how much better that is than under Boltzmann (null where that was not inferred)",
         """select h.task, h.set_size, h.model, count(*) as demonstrations,
                   sum(h.log_predictive) as total, avg(h.log_predictive) as mean,
@@ -134,7 +134,7 @@ def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Seq
     con.execute(f"create table {contract.name} as {union}")
     for number in range(len(files)):
         con.execute(f"drop table part_{number}")
-    con.execute(f"comment on table {contract.name} is {_literal(f'one row per {contract.row}')}")
+    con.execute(f"comment on table {contract.name} is {_literal(f'each row: {contract.row}')}")
     for column in contract.columns:
         unit = f" [{column.unit}]" if column.unit else ""
         con.execute(f'comment on column {contract.name}."{column.name}" is {_literal(column.description + unit)}')

@@ -1,0 +1,66 @@
+"""Stage: the figures of a task, or of the studies, as SVG and PNG, drawn from the tables alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from pipeline.stages.project import STUDIES, Project, recorded_run
+from pipeline.stages.sample import WORKING
+from pipeline.stages.task_view import task_view
+from pipeline.stores.figures import write_figure
+from pipeline.stores.grid_world_figures import density_figure, overall_figure, sets_figure, true_posterior_figure
+from pipeline.stores.held_out_figures import held_out_figure
+from pipeline.stores.human_choice_figures import choices_figure
+from pipeline.stores.tables import read_table
+from pipeline.stores.task_figures import densities_figure, map_figure, posterior_figure
+from pipeline.stores.whole import folder_written_whole
+from pipeline.studies.figure_tables import compare_models, differences, with_mean_intervals, with_share_intervals
+
+FOLDER = "figures"
+
+
+def run(project: Project, name: str) -> None:
+    """Write the figures of the task `name`."""
+    project.params.task(name)
+    with recorded_run(project, "figures", name) as record:
+        view = task_view(project, name)
+        final = {model: steps[-1].marginal_theta for model, steps in view.beliefs.items()}
+        figures = {
+            "densities": densities_figure(view.curves),
+            "density_map": map_figure(view.map),
+            "posterior": posterior_figure(final, view.labels, view.meaning),
+        }
+        held_out = read_table(project.table(name, "held_out"), "held_out").filter(set_id=WORKING)
+        if held_out.height:
+            figures["held_out"] = held_out_figure(held_out, compare_models(held_out), differences(held_out))
+        record.produced = _write(project.datasets / name / FOLDER, figures)
+
+
+def run_studies(project: Project) -> None:
+    """Write the figures of the human choice study and of the grid world."""
+    grid = project.params.studies.grid_world
+    with recorded_run(project, "figures", STUDIES) as record:
+        tables = {
+            name: read_table(project.table(STUDIES, f"grid_world_{name}"), f"grid_world_{name}")
+            for name in ("summary", "paths", "posteriors", "density_1d", "density_2d")
+        }
+        predictions = read_table(project.table(STUDIES, "human_choice_predictions"), "human_choice_predictions")
+        summary = with_mean_intervals(tables["summary"])
+        figures = {
+            "human_choice": choices_figure(with_share_intervals(predictions)),
+            "grid_world_true_posterior": true_posterior_figure(summary),
+            "grid_world_overall": overall_figure(summary),
+            "grid_world_sets": sets_figure(tables["paths"], tables["posteriors"], grid.objects, grid.size),
+            "grid_world_density": density_figure(tables["paths"], tables["density_1d"], tables["density_2d"]),
+        }
+        record.produced = _write(project.datasets / STUDIES / FOLDER, figures)
+
+
+def _write(folder: Path, figures: Mapping[str, Figure]) -> str:
+    with folder_written_whole(folder) as partial:
+        for name, figure in figures.items():
+            write_figure(partial, name, figure)
+    return f"{len(figures)} figures"
