@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 from pipeline.stores.viewer import TIMELINE, quiet_environment, viewer_command
@@ -54,7 +55,11 @@ def take_picture(recording: Path, picture: Path, time_s: float | None, size: str
         problems = [str(report) for view in viewer.get_state().views for report in view.reports]
         if problems:
             raise RuntimeError(f"{recording}: {'; '.join(problems)}")
-        viewer.save_screenshot(str(picture.resolve()))
+        for _ in range(2):  # a still recording is drawn anew only when asked, and the notices are gone only then
+            viewer.save_screenshot(str(picture.resolve()))
+            time.sleep(1.0)
+    with Image.open(picture) as shown:
+        shown.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(picture, optimize=True)
 
 
 @contextmanager
