@@ -230,11 +230,13 @@ def _project() -> Project:
 
 def _print_table(table: pl.DataFrame) -> None:
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
+    from rich.text import Text
 
-    shown = Table(*table.columns)
+    # as text, because square brackets would be taken for markup
+    shown = Table(*(Column(Text(name)) for name in table.columns))
     for row in table.iter_rows():
-        shown.add_row(*(_cell(value) for value in row))
+        shown.add_row(*(Text(_cell(value)) for value in row))
     console = Console(width=None if sys.stdout.isatty() else 200)
     console.print(shown)
     console.print(f"{table.height} row{'s' if table.height != 1 else ''}")

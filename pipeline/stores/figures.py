@@ -28,6 +28,7 @@ P = ParamSpec("P")
 
 COLUMN_IN, TEXT_IN = 3.33, 7.0  # width of a column, and of the text
 DPI = 300
+_DIGITS = 5  # of the figure's size
 INK = "#222222"
 STYLE: dict[str, object] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
@@ -71,14 +72,26 @@ STYLE: dict[str, object] = {
 
 
 def in_style(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw under `STYLE`, whatever the reader's own matplotlib settings are."""
+    """Draw under `STYLE`, whatever the reader's own matplotlib settings are, and lay the figure out for good."""
 
     @wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with style.context(["default", STYLE]):
-            return draw(*args, **kwargs)
+            figure = draw(*args, **kwargs)
+            _settle(figure)
+            return figure
 
     return styled
+
+
+def _settle(figure: Figure) -> None:
+    """Lay out once and round: the layout's solver visits its variables by address, so its last digits change."""
+    for _ in range(2):  # the first gives the axes' labels their places, which the second makes room for
+        figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for axes in figure.axes:
+        left, bottom, width, height = (round(float(edge), _DIGITS) for edge in axes.get_position(original=True).bounds)
+        axes.set_position((left, bottom, width, height), which="original")
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
