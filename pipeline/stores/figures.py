@@ -20,6 +20,7 @@ from pipeline.stores.whole import written_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from contextlib import AbstractContextManager
 
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
@@ -71,23 +72,27 @@ STYLE: dict[str, object] = {
 }
 
 
+def styled() -> AbstractContextManager[None]:
+    """Within it matplotlib makes and draws everything in `STYLE`; ticks are made when a figure is drawn."""
+    return style.context(["default", STYLE])
+
+
 def in_style(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     """Draw under `STYLE`, whatever the reader's own matplotlib settings are, and lay the figure out for good."""
 
     @wraps(draw)
-    def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
-        with style.context(["default", STYLE]):
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with styled():
             figure = draw(*args, **kwargs)
             _settle(figure)
             return figure
 
-    return styled
+    return drawn
 
 
 def _settle(figure: Figure) -> None:
     """Lay out once and round: the layout's solver visits its variables by address, so its last digits change."""
-    for _ in range(2):  # the first gives the axes' labels their places, which the second makes room for
-        figure.draw_without_rendering()
+    figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for axes in figure.axes:
         left, bottom, width, height = (round(float(edge), _DIGITS) for edge in axes.get_position(original=True).bounds)
@@ -106,7 +111,7 @@ def write_figure(folder: Path, name: str, figure: Figure) -> None:
 
     Equal figures give equal bytes with the same matplotlib: no dates, no program, fixed identifiers.
     """
-    with style.context(["default", STYLE]):
+    with styled():
         with written_whole(folder / f"{name}.svg") as stream:
             figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
         with written_whole(folder / f"{name}.png") as stream:
