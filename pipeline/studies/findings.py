@@ -35,7 +35,7 @@ def _human_choice(tests: pl.DataFrame) -> list[tuple[str, str, str, str]]:
     if fits and tighter:
         equivalent = "no difference found; the tighter bound"
     else:
-        equivalent = "the looser bound" if fits else "differs"
+        equivalent = "no difference found; the looser bound" if fits else "they differ"
     return [
         ("H1", "observed shares differ from Boltzmann's", "supported" if differs else "not supported", _fit(boltzmann)),
         ("H2", "observed shares are equivalent to those of LESS", equivalent, _fit(less)),
