@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.stages.new_task import TABLES
 from pipeline.stores.catalog import VIEWS
 from schemas import Column, names, schema
 
+TABLES = (
+    "demonstrations", "rejected", "alternatives", "sampling", "features", "feature_units", "scales", "densities",
+    "posteriors", "held_out", "shifted_alternatives", "shifted_sampling", "shifted_features", "robustness",
+    "robustness_posteriors", "robustness_sets", "robustness_summary", "robustness_anova", "robustness_post_hoc",
+    "sensitivity", "sensitivity_summary", "duplicates", "duplicates_summary",
+)  # fmt: skip
 PAGE = Path(__file__).with_name("tables.md")
 INTRODUCTION = """\
 # The tables
@@ -17,7 +22,7 @@ Made from `schemas/*.toml` by `python docs/make_tables.py`; change it there.
 Every table is a Parquet file: `datasets/<task>/<name>.parquet` for a task, `datasets/studies/<name>.parquet` for a study.
 The catalog, `datasets/catalog.duckdb`, has all of them under the same names; there the tables of the tasks are joined, with
 a column `task`. A file that breaks its schema is neither written nor read. Its metadata `lessbench.schema` names the table
-and its version, `lessbench.provenance` the program, the seed, and hashes of the parameters and files it was made from.
+and its version, `lessbench.provenance` the program, the seed if one was used, and hashes of the parameters and files it was made from.
 
 A type `double[J][T]` is an array of T arrays of J numbers (numpy shape `(T, J)`); in the catalog it is a list. J stands
 for joints, T for waypoints, F for features. A value is never NaN, and missing only where the last column says so.

@@ -188,8 +188,8 @@ def check(
 @app.command("new-task", rich_help_panel=SETUP)
 def new_task(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
-    scene: Annotated[str, typer.Option(help="MJCF file with a keyframe `start` (and `goal`).")],
-    recordings: Annotated[str, typer.Option(help="Folder of MCAP recordings.")],
+    scene: Annotated[Path, typer.Option(help="MJCF file with a keyframe `start` (and `goal`).")],
+    recordings: Annotated[Path, typer.Option(help="Folder of MCAP recordings.")],
     end_effector: Annotated[
         str | None, typer.Option(help="Body or site whose path matters; else the last body.")
     ] = None,

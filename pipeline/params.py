@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -13,8 +14,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from pipeline.errors import ParameterError, one_of
+from schemas import schema
 
 FILE = "params.yaml"
+_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -31,6 +34,12 @@ Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)
 Weights = Annotated[dict[Name, Finite], Field(min_length=1), AfterValidator(_frozen)]
 
 
+def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len(set(values)) != len(values):
+        raise ValueError("the same value is listed twice; list each once")
+    return values
+
+
 class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
@@ -42,9 +51,19 @@ class Task(_Section):
     end_effector: str
     surface: str | None
     recordings: str
+    anchor: Literal["task", "demonstration"]
     features: Specs
     preferences: Specs
     thetas: Literal["grid"] | tuple[tuple[Finite, ...], ...]
+
+    @field_validator("features")
+    @classmethod
+    def _names_of_features(cls, features: Mapping[str, Any]) -> Mapping[str, Any]:
+        taken = {column.name for column in schema("features").columns}
+        for name in features:
+            if name in taken:
+                raise ValueError(f"a feature cannot be called {name!r}, as {one_of(taken)} are columns of its table")
+        return features
 
     @model_validator(mode="after")
     def _theta_lengths(self) -> Task:
@@ -102,7 +121,6 @@ class Planner(_Section):
 class Sample(_Section):
     """Which sets of alternatives are drawn, and how."""
 
-    anchor: Literal["task", "demonstration"]
     sizes: Annotated[tuple[Annotated[int, Field(ge=2)], ...], Field()]
     sets: Annotated[int, Field(ge=0, le=1000)]
     working_set: Annotated[int, Field(ge=2)]
@@ -110,6 +128,11 @@ class Sample(_Section):
     deformation: Deformation
     via_point: Annotated[ViaPoint, Field(alias="via-point")]
     planner: Planner
+
+    @field_validator("sizes")
+    @classmethod
+    def _each_once(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        return _distinct(values)
 
 
 class Features(_Section):
@@ -133,10 +156,8 @@ class Infer(_Section):
 
     @field_validator("models", "betas")
     @classmethod
-    def _distinct(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
-        if len(set(values)) != len(values):
-            raise ValueError("the same value is listed twice; list each once")
-        return values
+    def _each_once(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        return _distinct(values)
 
 
 class ShiftedSampler(_Section):
@@ -319,7 +340,8 @@ def _read_yaml(path: Path) -> object:
 
 
 def _sentence(error: ValidationError) -> str:
-    errors = error.errors(include_url=False)
+    # a misspelt key comes as one that is unknown and one that is missing: the first says more
+    errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     first = errors[0]
     location = _location(first["loc"])
     place = ".".join(str(part) for part in location)
@@ -328,6 +350,8 @@ def _sentence(error: ValidationError) -> str:
     if first["type"] == "missing":
         return f"the parameter {place!r} is missing"
     message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "too_short":
+        return f"{place} is empty; list at least {first['ctx']['min_length']}"
     if not place or first["type"] == "value_error":
         return f"{place}: {message}" if place else message
     # each branch of a union reports by itself
@@ -337,8 +361,8 @@ def _sentence(error: ValidationError) -> str:
 
 def _location(loc: tuple[int | str, ...]) -> list[int | str]:
     # pydantic names the branch of a union in the location; a reader of params.yaml knows only keys and indices
-    names = {"float", "int", "str", "bool", "constrained"}
-    return [part for part in loc if isinstance(part, int) or (part.isidentifier() and part not in names)]
+    names = {"float", "int", "str", "bool", "constrained-float", "constrained-int", "constrained-str"}
+    return [part for part in loc if isinstance(part, int) or (_KEY.fullmatch(part) and part not in names)]
 
 
 def _nearest(location: list[Any]) -> str:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pipeline.stages.project import STUDIES, Project, recorded_run
-from pipeline.stages.sample import WORKING
+from pipeline.stages.project import STUDIES, WORKING, Project, recorded_run
 from pipeline.stages.task_view import task_view
 from pipeline.stores.figures import write_figure
 from pipeline.stores.grid_world_figures import density_figure, overall_figure, sets_figure, true_posterior_figure

@@ -41,7 +41,7 @@ class Planning:
         if self.scene.start is None or self.scene.goal is None:
             raise StageError(
                 f"{self.task.scene}: has no keyframes `start` and `goal`, which are needed to plan paths; add them, or "
-                "set sample.anchor to demonstration"
+                "set the task's anchor to demonstration"
             )
         return Anchor(self.scene.start, self.scene.goal)
 

@@ -18,6 +18,7 @@ from pipeline.errors import ParameterError
 from pipeline.params import Params, Task
 
 RUNS = ".lessbench/runs"
+WORKING = "working"  # the set_id of the set that is shown
 STUDIES = "studies"  # stands where a task's name would, for tables of no task
 
 
@@ -60,19 +61,28 @@ class Project:
         """A path of params.yaml."""
         return self.root / given
 
-    def provenance(self, depends_on: Iterable[object], inputs: Iterable[Path]) -> dict[str, object]:
+    def provenance(
+        self, depends_on: Iterable[object], inputs: Iterable[Path], *, seeded: bool = False
+    ) -> dict[str, object]:
         """What a table says about where it came from.
 
         Args:
             depends_on: the parameters that the table depends on, no others, so that equal inputs give equal bytes.
             inputs: the files it was made from.
+            seeded: whether random numbers went into it.
         """
+        seed = {"seed": self.params.seed} if seeded else {}
         return {
             "program": f"lessbench {version('lessbench')}",
-            "seed": self.params.seed,
+            **seed,
             "parameters": params.fingerprint(*depends_on),
             "inputs": {self._shown(path): _sha256(path) for path in inputs},
         }
+
+    def named(self, path: Path) -> str:
+        """How params.yaml names a path: from the project's folder if it is inside, else in full."""
+        full = path.resolve()
+        return full.relative_to(self.root).as_posix() if full.is_relative_to(self.root) else str(full)
 
     def _shown(self, path: Path) -> str:
         return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else path.name

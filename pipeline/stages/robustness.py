@@ -15,8 +15,7 @@ from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import scene_files
 from pipeline.stages.infer import hypotheses
-from pipeline.stages.project import Project, Run, recorded_run
-from pipeline.stages.sample import WORKING
+from pipeline.stages.project import WORKING, Project, Run, recorded_run
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
 from pipeline.studies.choice_sets import ChoiceSets, Demonstrations, Problem
@@ -45,7 +44,7 @@ def run(project: Project, name: str) -> None:
             project.params.density,
             project.params.robustness.duplicates, project.params.robustness.bandwidth_factors,
         ]  # fmt: skip
-        provenance = project.provenance(settings, [*sources.values(), *scene_files(scene.path)])
+        provenance = project.provenance(settings, [*sources.values(), *scene_files(scene.path)], seeded=True)
         for table, rows in tables.items():
             write_table(project.table(name, table), table, rows, provenance)
 

@@ -11,7 +11,7 @@ from pipeline.params import Sample
 from pipeline.replay.scene import scene_files
 from pipeline.stages.planning import SEARCH, Planning
 from pipeline.stages.progress import tracked
-from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.project import WORKING, Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
 from pipeline.trajectories.optimise import optimise_paths, random_weights
@@ -27,8 +27,6 @@ from pipeline.trajectories.samplers import (
 )
 from pipeline.trajectories.streams import child_rng
 
-WORKING = "working"
-
 
 def run(project: Project, name: str) -> None:
     """Write alternatives.parquet and sampling.parquet of the task `name`."""
@@ -37,15 +35,17 @@ def run(project: Project, name: str) -> None:
         scene = load_task_scene(project, task)
         planning = Planning(scene, task, project.params.ingest.waypoints)
         source = project.table(name, "demonstrations")
-        anchors = sampling_anchors(planning, settings, read_table(source, "demonstrations"))
+        anchors = sampling_anchors(planning, read_table(source, "demonstrations"))
         sampler = _sampler(planning, settings, next(iter(anchors.values())), seed, name)
         wanted = [(anchor, size, set_id) for anchor in anchors for size, set_id in _sets(settings)]
         draws = [
             draw_set(planning, sampler, child_rng(seed, "sample", name, anchor, size, set_id), anchors[anchor], size)
             for anchor, size, set_id in tracked(wanted, f"sample {name}")
         ]
-        depends_on = [task.end_effector, task.surface, task.preferences, settings, planning.waypoints]
-        provenance = project.provenance(depends_on, [*scene_files(scene.path), source])
+        depends_on = [
+            task.end_effector, task.surface, task.anchor, task.preferences, settings, planning.waypoints,
+        ]  # fmt: skip
+        provenance = project.provenance(depends_on, [*scene_files(scene.path), source], seeded=True)
         rows = pl.concat([alternative_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         shares = pl.concat([sampling_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         write_table(project.table(name, "alternatives"), "alternatives", rows, provenance)
@@ -54,9 +54,9 @@ def run(project: Project, name: str) -> None:
         record.produced = f"{len(wanted)} sets, {rows.height:,} trajectories ({rate:.0%} of the draws discarded)"
 
 
-def sampling_anchors(planning: Planning, settings: Sample, demonstrations: pl.DataFrame) -> dict[str, Anchor]:
+def sampling_anchors(planning: Planning, demonstrations: pl.DataFrame) -> dict[str, Anchor]:
     """Where the alternatives start and end: the task's start and goal, or each demonstration's own."""
-    if settings.anchor == "task":
+    if planning.task.anchor == "task":
         return {"task": planning.anchor}
     paths = demonstrations["waypoints"].to_numpy()
     ids = demonstrations["demonstration_id"].to_list()

@@ -30,7 +30,7 @@ def run(project: Project, name: str) -> None:
         scene = load_task_scene(project, task)
         planning = Planning(scene, task, project.params.ingest.waypoints)
         source = project.table(name, "demonstrations")
-        anchors = sampling_anchors(planning, settings, read_table(source, "demonstrations"))
+        anchors = sampling_anchors(planning, read_table(source, "demonstrations"))
         rows, shares = [], []
         for label, anchor in tracked(list(anchors.items()), f"shift {name}"):
             # planned anew from every anchor: what is clear of the surface from one may not be from another
@@ -43,10 +43,10 @@ def run(project: Project, name: str) -> None:
                     rows.append(alternative_rows(draw, label, size, set_id).with_columns(log_proposal=log_proposal))
                     shares.append(sampling_rows(draw, label, size, set_id))
         depends_on = [
-            task.end_effector, task.surface, task.preferences, settings.anchor, settings.sizes, settings.planner.width_rad,
+            task.end_effector, task.surface, task.anchor, task.preferences, settings.sizes, settings.planner.width_rad,
             settings.deformation.modes, {key: spec.model_dump() for key, spec in specs.items()}, planning.waypoints,
         ]  # fmt: skip
-        provenance = project.provenance(depends_on, [*scene_files(scene.path), source])
+        provenance = project.provenance(depends_on, [*scene_files(scene.path), source], seeded=True)
         table = pl.concat(rows)
         write_table(project.table(name, "shifted_alternatives"), "shifted_alternatives", table, provenance)
         write_table(project.table(name, "shifted_sampling"), "shifted_sampling", pl.concat(shares), provenance)

@@ -9,8 +9,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.choice import Posterior, posterior_from
-from pipeline.stages.project import Project
-from pipeline.stages.sample import WORKING
+from pipeline.stages.project import WORKING, Project
 from pipeline.stores.tables import read_table
 from pipeline.studies.inspection import (
     DensityCurve,

@@ -48,6 +48,7 @@ PARAMETERS: dict[str, Any] = {
             "end_effector": "tip",
             "surface": "floor",
             "recordings": "mine",
+            "anchor": "task",
             "features": {"effort": {"kind": "efficiency"}, "vase": {"kind": "proximity", "object": "vase", "radius_m": 0.5}},
             "preferences": {"effort": {"kind": "efficiency"}, "lift": {"kind": "height"}},
             "thetas": "grid",
@@ -59,7 +60,7 @@ PARAMETERS: dict[str, Any] = {
     },
     "ingest": {"waypoints": 15, "idle_rad": 0.01, "on_rejected": "stop"},
     "sample": {
-        "anchor": "task", "sizes": [5, 20], "sets": 2, "working_set": 30, "sampler": "mixture",
+        "sizes": [5, 20], "sets": 2, "working_set": 30, "sampler": "mixture",
         "deformation": {"width_rad": 0.2, "modes": 4}, "via-point": {"reach_rad": 0.4},
         "planner": {"paths": 3, "width_rad": 0.05},
     },

@@ -95,7 +95,8 @@ def test_the_posterior_is_that_of_a_slow_loop(make_project: Make, parameters: di
 
 
 def test_alternatives_anchored_at_each_demonstration(make_project: Make, parameters: dict[str, Any]) -> None:
-    parameters["sample"] |= {"anchor": "demonstration", "sampler": "deformation", "sets": 1}
+    parameters["tasks"]["sweep"]["anchor"] = "demonstration"
+    parameters["sample"] |= {"sampler": "deformation", "sets": 1}
     project = make_project(parameters)
     run_chain(project)
     alternatives, demonstrations = table(project, "alternatives"), table(project, "demonstrations")
@@ -151,7 +152,8 @@ def test_provenance_names_the_inputs_by_content(make_project: Make, parameters: 
     assert set(stated["inputs"]) == {  # type: ignore[call-overload]
         "datasets/sweep/demonstrations.parquet", "datasets/sweep/alternatives.parquet", "gantry.xml"
     }  # fmt: skip
-    assert stated["seed"] == 7
+    assert "seed" not in stated  # no random number goes into features
+    assert read_provenance(project.table("sweep", "alternatives"))["seed"] == 7
     parameters["infer"]["betas"] = [1]
     changed = make_project(parameters)
     featurize.run(changed, "sweep")

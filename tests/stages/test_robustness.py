@@ -15,15 +15,15 @@ import pytest
 from pipeline.errors import ParameterError, StageError
 from pipeline.params import parse
 from pipeline.stages import catalog, density, featurize, infer, ingest, robustness, sample, shift, simulate
-from pipeline.stages.new_task import TABLES
 from pipeline.stages.project import Project
 from pipeline.stores.catalog import ask
 from pipeline.stores.tables import read_table
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.samplers import Deformation
+from schemas import names
 
 Make = Callable[[dict[str, Any]], Project]
-STUDY = [name for name in TABLES if name.startswith(("robustness", "sensitivity", "duplicates", "shifted"))]
+STUDY = [name for name in names() if name.startswith(("robustness", "sensitivity", "duplicates", "shifted"))]
 
 
 def table(project: Project, name: str, task: str = "sweep") -> pl.DataFrame:
@@ -103,7 +103,7 @@ def test_shifted_sets_and_their_densities(make_project: Make, parameters: dict[s
 
 
 def test_people_who_start_where_they_like(make_project: Make, parameters: dict[str, Any]) -> None:
-    parameters["sample"]["anchor"] = "demonstration"
+    parameters["tasks"]["sweep"]["anchor"] = "demonstration"
     project = make_project(parameters)
     prepare(project)
     robustness.run(project, "sweep")
@@ -126,12 +126,12 @@ def test_the_lab_recordings(shared: Path, make_project: Make, parameters: dict[s
     parameters["tasks"] = {
         "given": {
             "scene": str(root / "datasets" / "scenes" / "laptop.xml"), "end_effector": "j2s7s300_link_7",
-            "surface": "table_top", "recordings": "lab", "preferences": terms, "thetas": "grid",
+            "surface": "table_top", "recordings": "lab", "anchor": "demonstration", "preferences": terms, "thetas": "grid",
             "features": terms | {"laptop": {"kind": "proximity", "object": "laptop", "radius_m": 0.4}},
         }
     }  # fmt: skip
     parameters["simulate"]["weights"] = {}
-    parameters["sample"] |= {"anchor": "demonstration", "sizes": [8], "sets": 2, "working_set": 8}
+    parameters["sample"] |= {"sizes": [8], "sets": 2, "working_set": 8}
     parameters["robustness"]["duplicates"] |= {"set_size": 8}
     project = make_project(parameters)
     prepare(project, "given")
