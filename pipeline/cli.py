@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,6 +29,19 @@ importer = typer.Typer(no_args_is_help=True, help="Turn published demonstrations
 app.add_typer(importer, name="import", rich_help_panel=SETUP)
 TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.")]
 TaskOrStudies = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml, or `studies`.")]
+
+
+_overlay: ContextVar[Path | None] = ContextVar("overlay", default=None)
+
+
+@app.callback()
+def options(
+    overlay: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML with the parameters that are different from params.yaml.")
+    ] = None,
+) -> None:
+    """Keep what is said before the command."""
+    _overlay.set(overlay)
 
 
 def main() -> None:
@@ -200,6 +214,19 @@ def new_task(
     print(add_task(_project(), name, scene, recordings, end_effector))  # noqa: T201
 
 
+@app.command(rich_help_panel=SETUP)
+def run(task: TaskName) -> None:
+    """Run every stage of one task, from its recordings to its figures, whether or not it is out of date.
+
+    Meant for parameters in a file of their own, which `dvc repro` does not see:
+
+    `lessbench --overlay mine.yaml run pour`
+    """
+    from pipeline.stages.run import run_task
+
+    run_task(_project(), task)
+
+
 @importer.command("ferl")
 def import_ferl(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A pickle of the FERL or jaco_learning repository.")],
@@ -225,7 +252,8 @@ def import_ferl(
 def _project() -> Project:
     from pipeline.stages.project import find_project
 
-    return find_project(Path.cwd())
+    overlay = _overlay.get()
+    return find_project(Path.cwd(), overlay.resolve() if overlay else None)
 
 
 def _print_table(table: pl.DataFrame) -> None:

@@ -124,10 +124,20 @@ class Sample(_Section):
     sizes: Annotated[tuple[Annotated[int, Field(ge=2)], ...], Field()]
     sets: Annotated[int, Field(ge=0, le=1000)]
     working_set: Annotated[int, Field(ge=2)]
-    sampler: Literal["deformation", "via-point", "planner", "mixture"]
+    sampler: Literal["deformation", "via-point", "planner", "mixture", "given"]
+    given: str | None
     deformation: Deformation
     via_point: Annotated[ViaPoint, Field(alias="via-point")]
     planner: Planner
+
+    @model_validator(mode="after")
+    def _given_if_asked_for(self) -> Sample:
+        if (self.sampler == "given") != (self.given is not None):
+            raise ValueError(
+                f"sampler is {self.sampler} and given is {self.given}; the sampler `given` needs a file in `given`, the "
+                "others need null there"
+            )
+        return self
 
     @field_validator("sizes")
     @classmethod

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
+from pipeline.errors import StageError
 from pipeline.params import Sample
-from pipeline.replay.scene import scene_files
+from pipeline.replay.scene import Scene, scene_files
 from pipeline.stages.planning import SEARCH, Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import WORKING, Project, recorded_run
@@ -22,10 +25,14 @@ from pipeline.trajectories.samplers import (
     Mixture,
     Planner,
     Sampler,
+    Tally,
     ViaPoint,
     draw_admissible,
 )
 from pipeline.trajectories.streams import child_rng
+from pipeline.trajectories.timebase import to_branch
+
+Array = NDArray[np.float64]
 
 
 def run(project: Project, name: str) -> None:
@@ -36,16 +43,23 @@ def run(project: Project, name: str) -> None:
         planning = Planning(scene, task, project.params.ingest.waypoints)
         source = project.table(name, "demonstrations")
         anchors = sampling_anchors(planning, read_table(source, "demonstrations"))
-        sampler = _sampler(planning, settings, next(iter(anchors.values())), seed, name)
         wanted = [(anchor, size, set_id) for anchor in anchors for size, set_id in _sets(settings)]
-        draws = [
-            draw_set(planning, sampler, child_rng(seed, "sample", name, anchor, size, set_id), anchors[anchor], size)
-            for anchor, size, set_id in tracked(wanted, f"sample {name}")
-        ]
+        streams = [child_rng(seed, "sample", name, *which) for which in wanted]
+        inputs = [*scene_files(scene.path), source]
+        if settings.given is not None:
+            pool = given_trajectories(project.path(settings.given), scene, planning.waypoints)
+            inputs.append(project.path(settings.given))
+            draws = [_draw_given(pool, rng, size) for rng, (_, size, _) in zip(streams, wanted, strict=True)]
+        else:
+            sampler = _sampler(planning, settings, next(iter(anchors.values())), seed, name)
+            draws = [
+                draw_set(planning, sampler, rng, anchors[anchor], size)
+                for rng, (anchor, size, _) in tracked(list(zip(streams, wanted, strict=True)), f"sample {name}")
+            ]
         depends_on = [
             task.end_effector, task.surface, task.anchor, task.preferences, settings, planning.waypoints,
         ]  # fmt: skip
-        provenance = project.provenance(depends_on, [*scene_files(scene.path), source], seeded=True)
+        provenance = project.provenance(depends_on, inputs, seeded=True)
         rows = pl.concat([alternative_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         shares = pl.concat([sampling_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         write_table(project.table(name, "alternatives"), "alternatives", rows, provenance)
@@ -69,6 +83,38 @@ def draw_set(planning: Planning, sampler: Sampler, rng: np.random.Generator, anc
     return draw_admissible(
         sampler, rng, anchor, size, planning.waypoints, lower=lower, upper=upper, admissible=planning.admissible
     )
+
+
+def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> Array:
+    """Somebody's own alternatives (P, T, J): the column `waypoints`, row-major, each on the branch of the scene's start.
+
+    Raises:
+        StageError: the file is missing, is no Parquet, or its trajectories have another shape or are not finite.
+    """
+    try:
+        column = pl.read_parquet(path, columns=["waypoints"])["waypoints"]
+        flat = np.array([np.asarray(row, dtype=np.float64).ravel() for row in column.to_list()])
+    except FileNotFoundError:
+        raise StageError(f"{path}: there is no such file; sample.given names it") from None
+    except (pl.exceptions.PolarsError, ValueError) as error:
+        raise StageError(f"{path}: has no column `waypoints` of equal lists ({' '.join(str(error).split())})") from None
+    if flat.ndim != 2 or flat.shape[1] != n_waypoints * len(scene.joints) or not np.isfinite(flat).all():
+        raise StageError(
+            f"{path}: has trajectories of {flat.shape[-1]} numbers; needed are {n_waypoints} waypoints x "
+            f"{len(scene.joints)} joints = {n_waypoints * len(scene.joints)} finite ones"
+        )
+    paths = flat.reshape(len(flat), n_waypoints, len(scene.joints))
+    reference = paths[0, 0] if scene.start is None else scene.start
+    return np.stack([to_branch(path, reference, scene.continuous) for path in paths])
+
+
+def _draw_given(pool: Array, rng: np.random.Generator, size: int) -> Draw:
+    """A set of `size` different ones of the given trajectories."""
+    if size > len(pool):
+        raise StageError(
+            f"a set of {size} is wanted and sample.given has {len(pool)} trajectories; lower sample.sizes or working_set"
+        )
+    return Draw(pool[rng.choice(len(pool), size, replace=False)], ("given",) * size, (Tally("given", size, 0, 0),))
 
 
 def _sets(settings: Sample) -> Iterator[tuple[int, str]]:

@@ -60,7 +60,7 @@ PARAMETERS: dict[str, Any] = {
     },
     "ingest": {"waypoints": 15, "idle_rad": 0.01, "on_rejected": "stop"},
     "sample": {
-        "sizes": [5, 20], "sets": 2, "working_set": 30, "sampler": "mixture",
+        "sizes": [5, 20], "sets": 2, "working_set": 30, "sampler": "mixture", "given": None,
         "deformation": {"width_rad": 0.2, "modes": 4}, "via-point": {"reach_rad": 0.4},
         "planner": {"paths": 3, "width_rad": 0.05},
     },
