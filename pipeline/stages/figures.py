@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import polars as pl
 from matplotlib.figure import Figure
 
 from pipeline.stages.project import STUDIES, WORKING, Project, recorded_run
@@ -13,12 +14,25 @@ from pipeline.stores.figures import write_figure
 from pipeline.stores.grid_world_figures import density_figure, overall_figure, sets_figure, true_posterior_figure
 from pipeline.stores.held_out_figures import held_out_figure
 from pipeline.stores.human_choice_figures import choices_figure
+from pipeline.stores.robustness_figures import (
+    accuracy_figure,
+    duplicates_figure,
+    importance_figure,
+    kl_figure,
+    sensitivity_figure,
+    two_posteriors_figure,
+)
 from pipeline.stores.tables import read_table
 from pipeline.stores.task_figures import densities_figure, map_figure, posterior_figure
 from pipeline.stores.whole import folder_written_whole
 from pipeline.studies.figure_tables import compare_models, differences, with_mean_intervals, with_share_intervals
+from pipeline.studies.robustness_views import accuracy, entropies, example, middle_size
 
 FOLDER = "figures"
+ROBUSTNESS = (
+    "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity", "sensitivity_summary",
+    "duplicates_summary",
+)  # fmt: skip
 
 
 def run(project: Project, name: str) -> None:
@@ -35,6 +49,11 @@ def run(project: Project, name: str) -> None:
         held_out = read_table(project.table(name, "held_out"), "held_out").filter(set_id=WORKING)
         if held_out.height:
             figures["held_out"] = held_out_figure(held_out, compare_models(held_out), differences(held_out))
+        if project.table(name, ROBUSTNESS[0]).exists():
+            tables = {table: read_table(project.table(name, table), table) for table in ROBUSTNESS}
+            figures |= _robustness(tables, view.labels, view.meaning)
+        else:
+            record.notes.append(f"no robustness study yet, so none of its figures: lessbench study robustness {name}")
         record.produced = _write(project.datasets / name / FOLDER, figures)
 
 
@@ -56,6 +75,26 @@ def run_studies(project: Project) -> None:
             "grid_world_density": density_figure(tables["paths"], tables["density_1d"], tables["density_2d"]),
         }
         record.produced = _write(project.datasets / STUDIES / FOLDER, figures)
+
+
+def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:
+    truth = accuracy(tables["robustness"])
+    shown = example(tables["robustness_posteriors"])
+    size = middle_size(tables["sensitivity"])
+    summary, sets = tables["robustness_summary"], tables["robustness_sets"]
+    figures = {
+        "robustness": kl_figure(summary),
+        "two_posteriors": two_posteriors_figure(shown.posteriors, shown.set_ids, labels, meaning),
+        "duplicates": duplicates_figure(tables["duplicates_summary"]),
+        "sensitivity": sensitivity_figure(
+            tables["sensitivity_summary"].filter(set_size=size), entropies(tables["sensitivity"].filter(set_size=size))
+        ),
+    }
+    if "known-density" in summary["regime"]:
+        figures["importance"] = importance_figure(summary, truth, sets)
+    if truth.height:
+        figures["accuracy"] = accuracy_figure(truth, len(labels))
+    return figures
 
 
 def _write(folder: Path, figures: Mapping[str, Figure]) -> str:

@@ -14,7 +14,7 @@ import pytest
 
 from pipeline.errors import ParameterError, StageError
 from pipeline.params import parse
-from pipeline.stages import catalog, density, featurize, infer, ingest, robustness, sample, shift, simulate
+from pipeline.stages import catalog, density, featurize, figures, infer, ingest, robustness, sample, shift, simulate
 from pipeline.stages.project import Project
 from pipeline.stores.catalog import ask
 from pipeline.stores.tables import read_table
@@ -74,6 +74,10 @@ def test_the_study_of_simulated_people(make_project: Make, parameters: dict[str,
     shift.run(project, "sweep")
     robustness.run(project, "sweep")
     assert {name: project.table("sweep", name).read_bytes() for name in STUDY} == before
+
+    figures.run(project, "sweep")
+    drawn = {path.stem for path in (project.datasets / "sweep" / figures.FOLDER).iterdir()}
+    assert {"robustness", "two_posteriors", "importance", "accuracy", "duplicates", "sensitivity"} <= drawn
 
 
 def test_shifted_sets_and_their_densities(make_project: Make, parameters: dict[str, Any]) -> None:
