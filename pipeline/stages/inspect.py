@@ -59,13 +59,21 @@ def _replay(scene: Scene, paths: Floats, durations_s: Floats) -> Replay:
     return Replay(extract_geometry(scene.model), positions, quaternions, time_s, demonstration)
 
 
+def _anchored(view: TaskView) -> str:
+    anchor = view.alternatives["anchor"][0]
+    return (
+        "" if anchor == "task" else f"; each demonstration has its own, drawn and summed up here are those of {anchor}"
+    )
+
+
 def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
     origin = "simulated" if view.demonstrations["simulated"].all() else "recorded"
     lines = [
         f"# {name}",
         "",
         f"**{view.demonstrations.height} {origin} demonstrations** from `{task.recordings}`, "
-        f"{view.alternatives.height:,} alternatives ({project.params.sample.sampler}), scene `{Path(task.scene).name}`.",
+        f"{view.alternatives.height:,} alternatives ({project.params.sample.sampler}{_anchored(view)}), scene "
+        f"`{Path(task.scene).name}`.",
         "",
         "| model | most probable cost | P | beta | thetas left |",
         "|---|---|---|---|---|",
