@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from PIL import Image
 from rerun.experimental import ViewerClient
 
 from pipeline.stores.viewer import TIMELINE, quiet_environment, viewer_command
@@ -31,7 +32,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("recording", type=Path, help="an inspect.rrd")
     parser.add_argument("picture", type=Path, help="the PNG to write")
-    parser.add_argument("--time-s", type=float, default=0.0, help="seconds into the replay (default: its start)")
+    parser.add_argument("--time-s", type=float, help="seconds into the replay (default: where it opens)")
     parser.add_argument("--size", default="1600x1000", help="of the window, in points (default: %(default)s)")
     given = parser.parse_args()
     try:
@@ -40,7 +41,7 @@ def main() -> None:
         sys.exit(f"take_pictures: {error}")
 
 
-def take_picture(recording: Path, picture: Path, time_s: float, size: str = "1600x1000") -> None:
+def take_picture(recording: Path, picture: Path, time_s: float | None, size: str = "1600x1000") -> None:
     """Write what the viewer shows of `recording` at `time_s` of its replay.
 
     Raises:
@@ -48,12 +49,17 @@ def take_picture(recording: Path, picture: Path, time_s: float, size: str = "160
     """
     with headless_viewer(recording, size) as viewer:
         viewer.run_command("ui.toggle_top_panel")
-        viewer.set_time(timeline=TIMELINE, duration=time_s, play_state="paused")
+        if time_s is not None:
+            viewer.set_time(timeline=TIMELINE, duration=time_s, play_state="paused")
         time.sleep(_NOTICES_S)
         problems = [str(report) for view in viewer.get_state().views for report in view.reports]
         if problems:
             raise RuntimeError(f"{recording}: {'; '.join(problems)}")
-        viewer.save_screenshot(str(picture.resolve()))
+        for _ in range(2):  # a still recording is drawn anew only when asked, and the notices are gone only then
+            viewer.save_screenshot(str(picture.resolve()))
+            time.sleep(1.0)
+    with Image.open(picture) as shown:
+        shown.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(picture, optimize=True)
 
 
 @contextmanager

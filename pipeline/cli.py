@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,6 +28,20 @@ STAGES, LOOK, SETUP = "Stages (what `dvc repro` calls)", "Look at results", "Bri
 importer = typer.Typer(no_args_is_help=True, help="Turn published demonstrations into MCAP recordings.")
 app.add_typer(importer, name="import", rich_help_panel=SETUP)
 TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.")]
+TaskOrStudies = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml, or `studies`.")]
+
+
+_overlay: ContextVar[Path | None] = ContextVar("overlay", default=None)
+
+
+@app.callback()
+def options(
+    overlay: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="YAML with the parameters that are different from params.yaml.")
+    ] = None,
+) -> None:
+    """Keep what is said before the command."""
+    _overlay.set(overlay)
 
 
 def main() -> None:
@@ -89,11 +104,38 @@ def infer(task: TaskName) -> None:
 
 
 @app.command(rich_help_panel=STAGES)
-def inspect(task: TaskName) -> None:
-    """Write inspect.rrd, the recording that `lessbench view` opens."""
-    from pipeline.stages.inspect import run
+def shift(task: TaskName) -> None:
+    """Draw sets of alternatives from different samplers into shifted_alternatives.parquet."""
+    from pipeline.stages.shift import run
 
     run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def study(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="human-choice, grid-world or robustness.")],
+    task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml.")] = None,
+) -> None:
+    """Run one of the paper's experiments: `human-choice`, `grid-world`, or `robustness TASK`."""
+    from pipeline.stages.study import run
+
+    run(_project(), name, task)
+
+
+@app.command(rich_help_panel=STAGES)
+def inspect(task: TaskOrStudies) -> None:
+    """Write inspect.rrd, the recording that `lessbench view` opens."""
+    from pipeline.stages import inspect, studies_inspect
+
+    return studies_inspect.run(_project()) if task == "studies" else inspect.run(_project(), task)
+
+
+@app.command(rich_help_panel=STAGES)
+def figures(task: TaskOrStudies) -> None:
+    """Draw the figures of a task or of the studies, as SVG and PNG."""
+    from pipeline.stages.figures import run, run_studies
+
+    return run_studies(_project()) if task == "studies" else run(_project(), task)
 
 
 @app.command(rich_help_panel=STAGES)
@@ -116,12 +158,13 @@ def sql(question: Annotated[str, typer.Argument(metavar="QUESTION", help="One SQ
 
 
 @app.command(rich_help_panel=LOOK)
-def view(task: TaskName) -> None:
-    """Open the task's recording in the Rerun viewer."""
+def view(task: TaskOrStudies) -> None:
+    """Open the recording of a task or of the studies in the Rerun viewer."""
     from pipeline.stores.viewer import open_viewer
 
     project = _project()
-    project.params.task(task)
+    if task != "studies":
+        project.params.task(task)
     open_viewer(project.datasets / task / "inspect.rrd")
 
 
@@ -159,8 +202,8 @@ def check(
 @app.command("new-task", rich_help_panel=SETUP)
 def new_task(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
-    scene: Annotated[str, typer.Option(help="MJCF file with a keyframe `start` (and `goal`).")],
-    recordings: Annotated[str, typer.Option(help="Folder of MCAP recordings.")],
+    scene: Annotated[Path, typer.Option(help="MJCF file with a keyframe `start` (and `goal`).")],
+    recordings: Annotated[Path, typer.Option(help="Folder of MCAP recordings.")],
     end_effector: Annotated[
         str | None, typer.Option(help="Body or site whose path matters; else the last body.")
     ] = None,
@@ -169,6 +212,19 @@ def new_task(
     from pipeline.stages.new_task import add_task
 
     print(add_task(_project(), name, scene, recordings, end_effector))  # noqa: T201
+
+
+@app.command(rich_help_panel=SETUP)
+def run(task: TaskName) -> None:
+    """Run every stage of one task, from its recordings to its figures, whether or not it is out of date.
+
+    Meant for parameters in a file of their own, which `dvc repro` does not see:
+
+    `lessbench --overlay mine.yaml run pour`
+    """
+    from pipeline.stages.run import run_task
+
+    run_task(_project(), task)
 
 
 @importer.command("ferl")
@@ -196,16 +252,19 @@ def import_ferl(
 def _project() -> Project:
     from pipeline.stages.project import find_project
 
-    return find_project(Path.cwd())
+    overlay = _overlay.get()
+    return find_project(Path.cwd(), overlay.resolve() if overlay else None)
 
 
 def _print_table(table: pl.DataFrame) -> None:
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
+    from rich.text import Text
 
-    shown = Table(*table.columns)
+    # as text, because square brackets would be taken for markup
+    shown = Table(*(Column(Text(name)) for name in table.columns))
     for row in table.iter_rows():
-        shown.add_row(*(_cell(value) for value in row))
+        shown.add_row(*(Text(_cell(value)) for value in row))
     console = Console(width=None if sys.stdout.isatty() else 200)
     console.print(shown)
     console.print(f"{table.height} row{'s' if table.height != 1 else ''}")

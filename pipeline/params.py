@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -13,8 +14,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from pipeline.errors import ParameterError, one_of
+from schemas import schema
 
 FILE = "params.yaml"
+_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -31,6 +34,12 @@ Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)
 Weights = Annotated[dict[Name, Finite], Field(min_length=1), AfterValidator(_frozen)]
 
 
+def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    if len(set(values)) != len(values):
+        raise ValueError("the same value is listed twice; list each once")
+    return values
+
+
 class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
@@ -42,9 +51,19 @@ class Task(_Section):
     end_effector: str
     surface: str | None
     recordings: str
+    anchor: Literal["task", "demonstration"]
     features: Specs
     preferences: Specs
     thetas: Literal["grid"] | tuple[tuple[Finite, ...], ...]
+
+    @field_validator("features")
+    @classmethod
+    def _names_of_features(cls, features: Mapping[str, Any]) -> Mapping[str, Any]:
+        taken = {column.name for column in schema("features").columns}
+        for name in features:
+            if name in taken:
+                raise ValueError(f"a feature cannot be called {name!r}, as {one_of(taken)} are columns of its table")
+        return features
 
     @model_validator(mode="after")
     def _theta_lengths(self) -> Task:
@@ -102,14 +121,28 @@ class Planner(_Section):
 class Sample(_Section):
     """Which sets of alternatives are drawn, and how."""
 
-    anchor: Literal["task", "demonstration"]
     sizes: Annotated[tuple[Annotated[int, Field(ge=2)], ...], Field()]
     sets: Annotated[int, Field(ge=0, le=1000)]
     working_set: Annotated[int, Field(ge=2)]
-    sampler: Literal["deformation", "via-point", "planner", "mixture"]
+    sampler: Literal["deformation", "via-point", "planner", "mixture", "given"]
+    given: str | None
     deformation: Deformation
     via_point: Annotated[ViaPoint, Field(alias="via-point")]
     planner: Planner
+
+    @model_validator(mode="after")
+    def _given_if_asked_for(self) -> Sample:
+        if (self.sampler == "given") != (self.given is not None):
+            raise ValueError(
+                f"sampler is {self.sampler} and given is {self.given}; the sampler `given` needs a file in `given`, the "
+                "others need null there"
+            )
+        return self
+
+    @field_validator("sizes")
+    @classmethod
+    def _each_once(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        return _distinct(values)
 
 
 class Features(_Section):
@@ -133,10 +166,66 @@ class Infer(_Section):
 
     @field_validator("models", "betas")
     @classmethod
-    def _distinct(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
-        if len(set(values)) != len(values):
-            raise ValueError("the same value is listed twice; list each once")
-        return values
+    def _each_once(cls, values: tuple[Any, ...]) -> tuple[Any, ...]:
+        return _distinct(values)
+
+
+class ShiftedSampler(_Section):
+    """One of the samplers that the alternatives come from under sampler shift."""
+
+    kind: Literal["deformation", "via-point", "planner", "mixture"]
+    width_rad: Positive | None = None
+    reach_rad: Positive | None = None
+    paths: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    of: Annotated[tuple[str, ...], Field(min_length=2)] | None = None
+
+    @model_validator(mode="after")
+    def _settings_of_its_kind(self) -> ShiftedSampler:
+        needed = {"deformation": "width_rad", "via-point": "reach_rad", "planner": "paths", "mixture": "of"}[self.kind]
+        given = sorted(self.model_dump(exclude={"kind"}, exclude_none=True))
+        if given != [needed]:
+            raise ValueError(f"a sampler of kind {self.kind} takes {needed} alone, got {', '.join(given) or 'nothing'}")
+        return self
+
+
+class Duplicates(_Section):
+    """Near-copies that are slipped into sets of alternatives."""
+
+    set_size: Annotated[int, Field(ge=2)]
+    copied: Annotated[int, Field(ge=1)]
+    copies: Annotated[tuple[Annotated[int, Field(ge=1, le=10_000)], ...], Field(min_length=1)]
+    spreads: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
+
+
+class Robustness(_Section):
+    """The study of how far a posterior depends on the alternatives that were sampled."""
+
+    samplers: Annotated[dict[Name, ShiftedSampler], Field(min_length=2), AfterValidator(_frozen)]
+    duplicates: Duplicates
+    bandwidth_factors: Annotated[tuple[Positive, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _names_and_numbers(self) -> Robustness:
+        simple = [name for name, sampler in self.samplers.items() if sampler.kind != "mixture"]
+        for name, sampler in self.samplers.items():
+            unknown = sorted(set(sampler.of or ()) - set(simple))
+            if unknown:
+                raise ValueError(
+                    f"robustness.samplers.{name}.of names {unknown[0]!r}; allowed are the others that are no mixtures: "
+                    f"{one_of(simple)}"
+                )
+        if self.duplicates.copied > self.duplicates.set_size:
+            raise ValueError(
+                f"robustness.duplicates.copied is {self.duplicates.copied}; a set has {self.duplicates.set_size}"
+            )
+        for key, values in (
+            ("bandwidth_factors", self.bandwidth_factors),
+            ("duplicates.copies", self.duplicates.copies),
+            ("duplicates.spreads", self.duplicates.spreads),
+        ):
+            if len(set(values)) != len(values):
+                raise ValueError(f"robustness.{key} lists a value twice; list each once")
+        return self
 
 
 class HumanChoice(_Section):
@@ -175,6 +264,7 @@ class Params(_Section):
     features: Features
     density: Density
     infer: Infer
+    robustness: Robustness
     studies: Studies
 
     @model_validator(mode="after")
@@ -201,13 +291,25 @@ class Params(_Section):
         return self.tasks[name]
 
 
-def load(path: Path) -> Params:
+def load(path: Path, overlay: Path | None = None) -> Params:
     """Read and check the parameters in the YAML file `path` (plain data only: no tags, no objects).
 
+    Args:
+        path: params.yaml.
+        overlay: a YAML file that says only what is different: sections are merged, anything else is replaced.
+
     Raises:
-        ParameterError: the file is missing, is not YAML, or a field is unknown, missing or out of range.
+        ParameterError: a file is missing, is not YAML, or a field is unknown, missing or out of range.
     """
-    return parse(_read_yaml(path), str(path))
+    document = _read_yaml(path)
+    if overlay is None:
+        return parse(document, str(path))
+    changes = _read_yaml(overlay)
+    if not isinstance(document, dict) or not isinstance(changes, dict):
+        raise ParameterError(
+            f"{overlay}: holds no parameters; needed are sections of {path.name} with what is different"
+        )
+    return parse(_merged(document, changes), f"{path} with {overlay}")
 
 
 def parse(document: object, source: str = FILE) -> Params:
@@ -226,6 +328,15 @@ def fingerprint(*parts: BaseModel | object) -> str:
     return hashlib.sha256(json.dumps(plain, sort_keys=True, default=dict).encode()).hexdigest()
 
 
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`base` with `changes`; where both have a section, merged likewise."""
+    both = dict(base)
+    for key, value in changes.items():
+        here = base.get(key)
+        both[key] = _merged(here, value) if isinstance(here, dict) and isinstance(value, dict) else value
+    return both
+
+
 def _read_yaml(path: Path) -> object:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
@@ -239,7 +350,8 @@ def _read_yaml(path: Path) -> object:
 
 
 def _sentence(error: ValidationError) -> str:
-    errors = error.errors(include_url=False)
+    # a misspelt key comes as one that is unknown and one that is missing: the first says more
+    errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     first = errors[0]
     location = _location(first["loc"])
     place = ".".join(str(part) for part in location)
@@ -248,6 +360,8 @@ def _sentence(error: ValidationError) -> str:
     if first["type"] == "missing":
         return f"the parameter {place!r} is missing"
     message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "too_short":
+        return f"{place} is empty; list at least {first['ctx']['min_length']}"
     if not place or first["type"] == "value_error":
         return f"{place}: {message}" if place else message
     # each branch of a union reports by itself
@@ -257,8 +371,8 @@ def _sentence(error: ValidationError) -> str:
 
 def _location(loc: tuple[int | str, ...]) -> list[int | str]:
     # pydantic names the branch of a union in the location; a reader of params.yaml knows only keys and indices
-    names = {"float", "int", "str", "bool", "constrained"}
-    return [part for part in loc if isinstance(part, int) or (part.isidentifier() and part not in names)]
+    names = {"float", "int", "str", "bool", "constrained-float", "constrained-int", "constrained-str"}
+    return [part for part in loc if isinstance(part, int) or (_KEY.fullmatch(part) and part not in names)]
 
 
 def _nearest(location: list[Any]) -> str:
@@ -266,7 +380,7 @@ def _nearest(location: list[Any]) -> str:
     for part in location[:-1]:
         field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
         if field is not None:
-            model = Task if part == "tasks" else field.annotation
+            model = {"tasks": Task, "samplers": ShiftedSampler}.get(part, field.annotation)
     names = list(model.model_fields)
     close = difflib.get_close_matches(str(location[-1]), names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"allowed are {one_of(names)}"

@@ -57,6 +57,10 @@ def put(document: dict[str, Any], path: str, value: Any) -> None:
         ("simulate.weights.table", {"speed": 1}, r"simulate\.weights\.table names 'speed'; allowed are"),
         ("simulate.weights.nowhere", {"speed": 1}, r"names the task 'nowhere'; there are"),
         ("seed", "today", "seed is 'today'"),
+        ("tasks.table.features.kind", {"kind": "height"}, "a feature cannot be called 'kind'"),
+        ("infer.betas", [], r"infer\.betas is empty; list at least 1"),
+        ("sample.sizes", [10, 10], r"sample\.sizes: the same value is listed twice"),
+        ("sample.via-point.reach_rad", -1, r"sample\.via-point\.reach_rad is -1; it should be greater than 0"),
     ],
 )
 def test_a_wrong_field_is_named_with_what_is_allowed(
@@ -93,3 +97,20 @@ def test_a_fingerprint_sees_a_change_and_only_that(document: dict[str, Any]) -> 
     second = parse(document)
     assert fingerprint(first.sample) == fingerprint(second.sample)
     assert fingerprint(first.infer) != fingerprint(second.infer)
+
+
+def test_an_overlay_says_only_what_is_different(tmp_path: Path) -> None:
+    overlay = tmp_path / "mine.yaml"
+    overlay.write_text("infer: {betas: [1, 2]}\ntasks: {table: {anchor: demonstration}}\n")
+    plain, changed = load(SHIPPED), load(SHIPPED, overlay)
+    assert changed.infer.betas == (1, 2)
+    assert changed.tasks["table"].anchor == "demonstration"
+    assert changed.tasks["table"].scene == plain.tasks["table"].scene
+    assert changed.sample.sizes == plain.sample.sizes
+    assert changed.tasks["human"] == plain.tasks["human"]
+    overlay.write_text("infer: {beta: 1}\n")
+    with pytest.raises(ParameterError, match=r"params\.yaml with .*mine\.yaml: there is no parameter 'infer\.beta'"):
+        load(SHIPPED, overlay)
+    overlay.write_text("")
+    with pytest.raises(ParameterError, match="holds no parameters"):
+        load(SHIPPED, overlay)

@@ -17,7 +17,7 @@ def feature_scale(features: Array, method: str | Mapping[str, float], names: Seq
 
     Args:
         features: (N, F) raw values over the task's whole pool of alternatives, so that all its sets share one scale.
-        method: `range` (max - min), `std` (population standard deviation), `none` (1), or a constant per name.
+        method: `range` (max - min), `std` (population standard deviation), `none` (1), or a constant per name (others are not looked at).
         names: (F,) feature names.
 
     Returns:
@@ -28,9 +28,10 @@ def feature_scale(features: Array, method: str | Mapping[str, float], names: Seq
             method is unknown, or a constant is missing.
     """
     if isinstance(method, Mapping):
-        if set(method) != set(names):
+        missing = [name for name in names if name not in method]
+        if missing:
             raise ArgumentError(
-                f"features.scale gives constants for {', '.join(sorted(method))}; the features are {', '.join(names)}"
+                f"features.scale gives constants for {', '.join(sorted(method))}; it lacks {', '.join(missing)}"
             )
         return np.array([method[name] for name in names], dtype=np.float64)
     if method == "none":

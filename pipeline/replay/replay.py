@@ -80,8 +80,10 @@ def replay(scene: Scene, waypoints: Array, *, chunk: int | None = None, threads:
     for name, value in (("chunk", chunk), ("threads", threads)):
         if value is not None and value < 1:
             raise ArgumentError(f"{name} is {value}; it must be at least 1, or None.")
-    chunk = min(chunk or max(1, _CONFIGURATIONS_PER_CHUNK // length), trajectories)
-    return _chunks(scene, waypoints, chunk, threads)
+    most = chunk or max(1, _CONFIGURATIONS_PER_CHUNK // length)
+    # of even size: a batch poses all its states, used or not
+    even = -(-trajectories // max(1, -(-trajectories // most)))
+    return _chunks(scene, waypoints, even, threads)
 
 
 def body_positions(scene: Scene, waypoints: Array, names: Sequence[str]) -> dict[str, Array]:

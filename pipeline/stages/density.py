@@ -7,10 +7,8 @@ import polars as pl
 
 from pipeline.choice import log_density, select_bandwidth
 from pipeline.choice.scaling import feature_scale
-from pipeline.replay.features import bind_features
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
-from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
 
 SET = ("anchor", "set_size", "set_id")
@@ -18,25 +16,20 @@ SET = ("anchor", "set_size", "set_id")
 
 def run(project: Project, name: str) -> None:
     """Write scales.parquet and densities.parquet of the task `name`."""
-    task = project.params.task(name)
+    project.params.task(name)
     with recorded_run(project, "density", name) as record:
-        features = bind_features(load_task_scene(project, task), task.features)
-        source = project.table(name, "features")
-        pool = read_table(source, "features").filter(pl.col("kind") == "alternative")
+        sources = [project.table(name, "features"), project.table(name, "feature_units")]
+        pool = read_table(sources[0], "features").filter(kind="alternative")
+        units = read_table(sources[1], "feature_units")
+        names = tuple(units["feature"])
         method = project.params.features.scale
-        scale = feature_scale(pool.select(features.names).to_numpy(), method, features.names)
-        scales = pl.DataFrame(
-            {
-                "feature": features.names,
-                "unit": features.units,
-                "method": "given" if not isinstance(method, str) else method,
-                "scale": scale,
-            }
-        )
+        scale = feature_scale(pool.select(names).to_numpy(), method, names)
+        used = pl.lit(method if isinstance(method, str) else "given")
+        scales = units.select("feature", "unit", method=used, scale=pl.Series(scale))
         sets = pool.partition_by(SET, maintain_order=True)
         bandwidth = project.params.density.bandwidth
-        parts = [_set_density(rows, scale, features.names, bandwidth) for rows in tracked(sets, f"density {name}")]
-        provenance = project.provenance([method, project.params.density], [source])
+        parts = [_set_density(rows, scale, names, bandwidth) for rows in tracked(sets, f"density {name}")]
+        provenance = project.provenance([method, project.params.density], sources)
         write_table(project.table(name, "scales"), "scales", scales, provenance)
         write_table(project.table(name, "densities"), "densities", pl.concat(parts), provenance)
         record.produced = f"{len(sets)} sets, {pool.height:,} log densities"

@@ -5,16 +5,19 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from pipeline.replay.features import bind_features
+from pipeline.replay.features import FeatureSet, bind_features
+from pipeline.replay.scene import scene_files
+from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
 
 ALTERNATIVE_COLUMNS = ("anchor", "set_size", "set_id")
+BLOCK = 2000  # trajectories from one step of the progress bar to the next
 
 
 def run(project: Project, name: str) -> None:
-    """Write features.parquet of the task `name`."""
+    """Write features.parquet and feature_units.parquet of the task `name`."""
     task = project.params.task(name)
     with recorded_run(project, "featurize", name) as record:
         scene = load_task_scene(project, task)
@@ -32,8 +35,16 @@ def run(project: Project, name: str) -> None:
         waypoints = np.concatenate(
             [table["waypoints"].to_numpy().astype(np.float64) for table in (demonstrations, alternatives)]
         )
-        values = features.evaluate(waypoints)
+        values = _values(features, waypoints, name)
         table = rows.with_columns(pl.Series(feature, values[:, f]) for f, feature in enumerate(features.names))
-        provenance = project.provenance([task.features, task.end_effector], [*sources, scene.path])
+        provenance = project.provenance([task.features, task.end_effector], [*sources, *scene_files(scene.path)])
         write_table(project.table(name, "features"), "features", table, provenance)
+        kinds = [str(task.features[feature]["kind"]) for feature in features.names]
+        units = pl.DataFrame({"feature": features.names, "kind": kinds, "unit": features.units})
+        write_table(project.table(name, "feature_units"), "feature_units", units, provenance)
         record.produced = f"{table.height:,} trajectories x {len(features.names)} features"
+
+
+def _values(features: FeatureSet, waypoints: np.ndarray, name: str) -> np.ndarray:
+    blocks = [waypoints[first : first + BLOCK] for first in range(0, len(waypoints), BLOCK)]
+    return np.concatenate([features.evaluate(block) for block in tracked(blocks, f"featurize {name}")])

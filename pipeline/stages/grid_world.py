@@ -19,7 +19,7 @@ def run(project: Project) -> None:
             **{f"grid_world_{name}": table for name, table in vars(study.analysis).items()},
             **{f"grid_world_{name}": table for name, table in vars(study.examples).items()},
         }
-        provenance = project.provenance([settings], [])
+        provenance = project.provenance([settings], [], seeded=True)
         for name, table in tables.items():
             write_table(project.table(STUDIES, name), name, table, provenance)
         record.produced = f"{study.trials.height:,} posteriors of the true theta"

@@ -9,15 +9,16 @@ import numpy as np
 import polars as pl
 
 from pipeline.errors import RecordingError, StageError
-from pipeline.replay.scene import Scene
+from pipeline.replay.scene import Scene, scene_files
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
+from pipeline.stores.recording_writing import METADATA
 from pipeline.stores.recordings import read_joint_states
 from pipeline.stores.tables import write_table
 from pipeline.trajectories.timebase import demonstration_waypoints
 
-METADATA = "demonstration"  # the metadata record of an MCAP file that says who demonstrated
+RESERVED = ("all", "task")  # what demonstration_id and anchor say of no single demonstration
 REJECTED = {"source": pl.String, "reason": pl.String, "detail": pl.String}
 
 
@@ -45,7 +46,7 @@ def run(project: Project, name: str) -> None:
             except RecordingError as error:
                 rejected.append({"source": file.name, "reason": error.reason, "detail": error.detail})
         depends_on = [task.end_effector, settings]
-        provenance = project.provenance(depends_on, [folder, scene.path])
+        provenance = project.provenance(depends_on, [folder, *scene_files(scene.path)])
         write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(rejected, REJECTED), provenance)
         if rejected and (settings.on_rejected == "stop" or not rows):
             raise StageError(_refusal(project, name, rejected, len(files)))
@@ -62,6 +63,11 @@ def demonstration(file: Path, scene: Scene, waypoints: int, idle_rad: float) -> 
     Raises:
         RecordingError: the recording cannot be used.
     """
+    if file.stem in RESERVED:
+        raise RecordingError(
+            "reserved-name",
+            f"A recording cannot be called {file.stem}, which tables use for all of them; rename the file.",
+        )
     recording = read_joint_states(file, joints=scene.joints)
     time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
     reference = recording.positions[0] if scene.start is None else scene.start

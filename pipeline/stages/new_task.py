@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
+import mujoco
 from ruamel.yaml import YAML
 
 from pipeline import params
 from pipeline.errors import ParameterError
 from pipeline.replay.scene import Scene, load_scene
-from pipeline.stages.project import Project
+from pipeline.stages.project import STUDIES, Project
 from pipeline.stores.whole import written_whole
 
-TABLES = (
-    "demonstrations", "rejected", "alternatives", "sampling", "features", "scales", "densities", "posteriors", "held_out",
-)  # fmt: skip
+RESERVED = ("robots", "scenes", STUDIES)  # folders of datasets/ that are something else
 
 
-def add_task(project: Project, name: str, scene: str, recordings: str, end_effector: str | None) -> str:
+def add_task(project: Project, name: str, scene: Path, recordings: Path, end_effector: str | None) -> str:
     """Add the task `name` to params.yaml, comments kept, and say what to do next.
 
     Args:
         project: where to add it.
         name: of the task, not used before.
-        scene: MJCF file, relative to the project or absolute.
-        recordings: folder of MCAP files, relative to the project or absolute.
+        scene: MJCF file.
+        recordings: folder of MCAP files.
         end_effector: body or site whose path matters; None for the last body that moves.
 
     Raises:
@@ -33,17 +33,17 @@ def add_task(project: Project, name: str, scene: str, recordings: str, end_effec
     """
     if name in project.params.tasks:
         raise ParameterError(f"there is a task {name!r} already in {params.FILE}; choose another name")
-    folder = project.path(recordings)
-    if not any(folder.glob("*.mcap")):
+    if name in RESERVED:
+        raise ParameterError(f"a task cannot be called {name!r}, since datasets/{name} is taken; choose another name")
+    if not any(recordings.glob("*.mcap")):
         raise ParameterError(f"--recordings is {recordings}: there is no .mcap file in it; name a folder that has some")
-    loaded = load_scene(project.path(scene), end_effector=end_effector)
+    loaded = load_scene(scene, end_effector=end_effector)
     yaml = YAML(typ="rt")
     yaml.width = 10_000
+    yaml.indent(mapping=2, sequence=4, offset=2)
     file = project.root / params.FILE
     document = yaml.load(file.read_text(encoding="utf-8"))
-    document["tasks"][name] = _skeleton(loaded, scene, recordings)
-    if loaded.goal is None:
-        document["sample"]["anchor"] = "demonstration"
+    document["tasks"][name] = _skeleton(loaded, project.named(scene), project.named(recordings))
     text = io.StringIO()
     yaml.dump(document, text)
     params.parse(YAML(typ="safe", pure=True).load(text.getvalue()), str(file))
@@ -62,9 +62,18 @@ def _feed_catalog(project: Project, yaml: YAML, name: str) -> None:
     if not file.is_file():
         return
     document = yaml.load(file.read_text(encoding="utf-8"))
-    document["stages"]["catalog"]["deps"].extend(f"datasets/{name}/{table}.parquet" for table in TABLES)
+    deps = document["stages"]["catalog"]["deps"]
+    pattern = f"datasets/{next(iter(project.params.tasks))}/"
+    deps.extend([dep.replace(pattern, f"datasets/{name}/") for dep in deps if dep.startswith(pattern)])
     with written_whole(file) as stream:
         yaml.dump(document, stream)
+
+
+def _only_box(scene: Scene) -> str | None:
+    """The one site of the scene that a surface could be, None if there is none or several."""
+    model = scene.model
+    boxes = [model.site(i).name for i in range(model.nsite) if model.site_type[i] == mujoco.mjtGeom.mjGEOM_BOX]
+    return boxes[0] if len(boxes) == 1 else None
 
 
 def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:
@@ -72,8 +81,9 @@ def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:
     return {
         "scene": file,
         "end_effector": scene.end_effector,
-        "surface": None,
+        "surface": _only_box(scene),
         "recordings": recordings,
+        "anchor": "demonstration" if scene.start is None or scene.goal is None else "task",
         "features": terms,
         "preferences": {name: dict(spec) for name, spec in terms.items()},
         "thetas": "grid",

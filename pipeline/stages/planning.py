@@ -41,7 +41,7 @@ class Planning:
         if self.scene.start is None or self.scene.goal is None:
             raise StageError(
                 f"{self.task.scene}: has no keyframes `start` and `goal`, which are needed to plan paths; add them, or "
-                "set sample.anchor to demonstration"
+                "set the task's anchor to demonstration"
             )
         return Anchor(self.scene.start, self.scene.goal)
 
@@ -65,12 +65,17 @@ class Planning:
         ]
         return np.concatenate([terms for terms, _ in parts]), np.concatenate([clear for _, clear in parts])
 
+    def limits(self, anchor: Anchor) -> tuple[Array, Array]:
+        """Least and greatest joint positions (J,). A person may start or end beyond a limit: then that is the limit."""
+        lower = np.minimum(self.scene.lower, np.minimum(anchor.start, anchor.goal))
+        return lower, np.maximum(self.scene.upper, np.maximum(anchor.start, anchor.goal))
+
     def preference_scales(self, rng: np.random.Generator, anchor: Anchor, sampler: Deformation) -> Array:
         """(F,) what each term is divided by: its range over deformations of the straight path."""
+        lower, upper = self.limits(anchor)
         draw = draw_admissible(
-            sampler, rng, anchor, POOL, self.waypoints,
-            lower=self.scene.lower, upper=self.scene.upper, admissible=self.admissible,
-        )  # fmt: skip
+            sampler, rng, anchor, POOL, self.waypoints, lower=lower, upper=upper, admissible=self.admissible
+        )
         return feature_scale(self.assess(draw.waypoints)[0], "range", self.preferences.names)
 
     def scaled(self, scales: Array) -> Assess:

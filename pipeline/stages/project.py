@@ -18,14 +18,21 @@ from pipeline.errors import ParameterError
 from pipeline.params import Params, Task
 
 RUNS = ".lessbench/runs"
+WORKING = "working"  # the set_id of the set that is shown
 STUDIES = "studies"  # stands where a task's name would, for tables of no task
 
 
 @dataclass(frozen=True)
 class Project:
-    """A folder with a params.yaml; every path in the parameters is relative to it."""
+    """A folder with a params.yaml; every path in the parameters is relative to it.
+
+    Attributes:
+        root: the folder.
+        overlay: a file of parameters that are different from those in params.yaml, or None.
+    """
 
     root: Path
+    overlay: Path | None = None
 
     @cached_property
     def params(self) -> Params:
@@ -34,7 +41,7 @@ class Project:
         Raises:
             ParameterError: see `pipeline.params.load`.
         """
-        return params.load(self.root / params.FILE)
+        return params.load(self.root / params.FILE, self.overlay)
 
     @property
     def datasets(self) -> Path:
@@ -54,33 +61,46 @@ class Project:
         """A path of params.yaml."""
         return self.root / given
 
-    def provenance(self, depends_on: Iterable[object], inputs: Iterable[Path]) -> dict[str, object]:
+    def provenance(
+        self, depends_on: Iterable[object], inputs: Iterable[Path], *, seeded: bool = False
+    ) -> dict[str, object]:
         """What a table says about where it came from.
 
         Args:
             depends_on: the parameters that the table depends on, no others, so that equal inputs give equal bytes.
             inputs: the files it was made from.
+            seeded: whether random numbers went into it.
         """
+        seed = {"seed": self.params.seed} if seeded else {}
         return {
             "program": f"lessbench {version('lessbench')}",
-            "seed": self.params.seed,
+            **seed,
             "parameters": params.fingerprint(*depends_on),
             "inputs": {self._shown(path): _sha256(path) for path in inputs},
         }
+
+    def named(self, path: Path) -> str:
+        """How params.yaml names a path: from the project's folder if it is inside, else in full."""
+        full = path.resolve()
+        return full.relative_to(self.root).as_posix() if full.is_relative_to(self.root) else str(full)
 
     def _shown(self, path: Path) -> str:
         return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else path.name
 
 
-def find_project(start: Path) -> Project:
+def find_project(start: Path, overlay: Path | None = None) -> Project:
     """The project that the folder `start` is in: it or the nearest folder above that has a params.yaml.
+
+    Args:
+        start: where to begin.
+        overlay: see `Project`.
 
     Raises:
         ParameterError: there is none.
     """
     for folder in (start, *start.parents):
         if (folder / params.FILE).is_file():
-            return Project(folder)
+            return Project(folder, overlay)
     raise ParameterError(f"{start}: neither here nor in a folder above is a {params.FILE}; run this inside a project")
 
 

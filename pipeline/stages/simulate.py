@@ -7,12 +7,11 @@ import json
 import numpy as np
 
 from pipeline.errors import ParameterError, one_of
-from pipeline.stages.ingest import METADATA
 from pipeline.stages.planning import SEARCH, Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
-from pipeline.stores.recordings import write_joint_states
+from pipeline.stores.recording_writing import METADATA, write_joint_states
 from pipeline.stores.whole import folder_written_whole
 from pipeline.trajectories.optimise import optimise_paths
 from pipeline.trajectories.participants import Driver, Hand, demonstrate, draw_participants, driver_messages

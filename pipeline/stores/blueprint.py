@@ -26,7 +26,7 @@ _DISTANCE = 0.95
 def layout(inspection: Inspection) -> rrb.Blueprint:
     """The views of an inspection, and a replay that plays by itself, in about a minute if it would take longer."""
     above = rrb.Horizontal(_scene_view(inspection), _posterior_view(inspection), column_shares=[10, 10])
-    below = rrb.Horizontal(_curve_views(inspection), _map_view(inspection), _text_view(), column_shares=[9, 9, 10])
+    below = rrb.Horizontal(_curve_views(inspection), _map_view(inspection), text_view(), column_shares=[9, 9, 10])
     length_s = float(inspection.replay.time_s[-1] - inspection.replay.time_s[0])
     time = rrb.TimePanel(
         state="collapsed",
@@ -86,12 +86,12 @@ def _beyond(outward: Floats) -> Floats:
 
 def _posterior_view(inspection: Inspection) -> rrb.Spatial2DView:
     name = f"Posterior over {inspection.theta_meaning} - bar: so far, line: after all demonstrations"
-    return _page_view("posterior", name, viewer_posteriors.page(inspection).bounds)
+    return page_view("posterior", name, viewer_posteriors.page(inspection).bounds)
 
 
 def _curve_views(inspection: Inspection) -> rrb.Tabs:
     views = [
-        _page_view(curve_entity(curve.feature), f"Density: {curve.feature} ({curve.unit})", curve_bounds(curve))
+        page_view(curve_entity(curve.feature), f"Density: {curve.feature} ({curve.unit})", curve_bounds(curve))
         for curve in inspection.curves
     ]
     return rrb.Tabs(*views, active_tab=0)
@@ -100,10 +100,11 @@ def _curve_views(inspection: Inspection) -> rrb.Tabs:
 def _map_view(inspection: Inspection) -> rrb.Spatial2DView:
     (first, second), units = inspection.map.features, inspection.map.units
     name = f"Density (square root): {first} ({units[0]}) across, {second} ({units[1]}) up"
-    return _page_view("map", name, map_bounds(inspection.map))
+    return page_view("map", name, map_bounds(inspection.map))
 
 
-def _page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
+def page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
+    """A view of a page that shows all of it."""
     across, down = bounds
     return rrb.Spatial2DView(
         origin=origin,
@@ -113,7 +114,8 @@ def _page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[
     )
 
 
-def _text_view() -> rrb.TextDocumentView:
+def text_view() -> rrb.TextDocumentView:
+    """The view of the summary."""
     return rrb.TextDocumentView(origin="summary", name="Numbers, and where they came from")
 
 

@@ -13,6 +13,7 @@ from schemas import TableSchema, schema
 if TYPE_CHECKING:
     import duckdb
     import polars as pl
+    import pyarrow as pa
 
 TIME_LIMIT_S = 60.0
 MEMORY_LIMIT = "2GB"
@@ -44,7 +45,7 @@ VIEWS = {
     ),
     "model_comparison": (
         "held_out",
-        "how well each model predicts a demonstration from the others, on the working set: log predictive density in nats, "
+        "how well each model predicts a demonstration from the others, on the working set: log predictive probability in nats, "
         "its mean per demonstration, and how much better that is than under Boltzmann (null where that was not inferred)",
         """select h.task, h.set_size, h.model, count(*) as demonstrations,
                   sum(h.log_predictive) as total, avg(h.log_predictive) as mean,
@@ -103,7 +104,6 @@ def ask(path: Path, sql: str, time_limit_s: float = TIME_LIMIT_S) -> pl.DataFram
         QueryError: there is no catalog, the question is wrong or refused, or it took too long.
     """
     import duckdb
-    import polars as pl
 
     if not path.is_file():
         raise QueryError(f"{path}: there is no catalog yet; make it with `dvc repro`")
@@ -115,13 +115,27 @@ def ask(path: Path, sql: str, time_limit_s: float = TIME_LIMIT_S) -> pl.DataFram
                 answer = con.sql(sql)
                 if answer is None:
                     raise QueryError("the question has no answer; write a select, for example `from best_hypothesis`")
-                return cast("pl.DataFrame", pl.from_arrow(answer.to_arrow_table()))
+                return _frame(answer.to_arrow_table())
             finally:
                 timer.cancel()
     except duckdb.InterruptException:
         raise QueryError(f"the question took more than {time_limit_s:g} s and was stopped; ask for less") from None
     except duckdb.Error as error:
         raise QueryError(" ".join(str(error).split("\n\n")[0].split())) from None
+
+
+def _frame(answer: pa.Table) -> pl.DataFrame:
+    """The answer, its columns numbered where several have one name."""
+    import polars as pl
+
+    names: list[str] = []
+    for name in answer.column_names:
+        count = 2
+        unique = name
+        while unique in names:
+            unique, count = f"{name}_{count}", count + 1
+        names.append(unique)
+    return cast("pl.DataFrame", pl.from_arrow(answer.rename_columns(names)))
 
 
 def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Sequence[tuple[str | None, Path]]) -> int:
@@ -134,7 +148,7 @@ def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Seq
     con.execute(f"create table {contract.name} as {union}")
     for number in range(len(files)):
         con.execute(f"drop table part_{number}")
-    con.execute(f"comment on table {contract.name} is {_literal(f'one row per {contract.row}')}")
+    con.execute(f"comment on table {contract.name} is {_literal(f'each row: {contract.row}')}")
     for column in contract.columns:
         unit = f" [{column.unit}]" if column.unit else ""
         con.execute(f'comment on column {contract.name}."{column.name}" is {_literal(column.description + unit)}')

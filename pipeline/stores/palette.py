@@ -1,4 +1,4 @@
-"""The colours of every picture, in the viewer and on paper: one per model, apart for colour-blind readers too.
+"""The colours of every picture, in the viewer and on paper, and the models' names: apart for colour-blind readers too.
 
 Qualitative colours are those of M. Okabe and K. Ito, "Color Universal Design" (2008); the sequential scale follows
 cividis (Nunez, Anderton and Renslow, PLOS ONE 13, 2018), which keeps its order in grey and for every kind of colour vision.
@@ -27,9 +27,14 @@ WHITE: RGB = (255, 255, 255)
 BACKGROUND: RGB = (24, 26, 31)
 GROUND: RGB = (52, 55, 61)
 
-MODELS: dict[str, RGB] = {"boltzmann": BLUE, "less": ORANGE, "attribute-rule": GREEN}
-_OTHER_MODELS = (SKY, VERMILLION, YELLOW)
+MODELS: dict[str, RGB] = {"boltzmann": BLUE, "less": ORANGE, "attribute-rule": GREEN, "path-size": SKY}
+MODEL_NAMES = {
+    "boltzmann": "Boltzmann", "less": "LESS", "attribute-rule": "attribute rule", "path-size": "path-size logit",
+}  # fmt: skip
+_OTHER_MODELS = (VERMILLION, YELLOW)
 DEMONSTRATION = PINK
+SETS: dict[str, RGB] = {"Xi_L": VERMILLION, "Xi_B": PINK}
+"""The two demonstration sets of the grid world that are looked at closely."""
 RAW_DENSITY = GREY
 
 SEQUENTIAL: tuple[RGB, ...] = (
@@ -53,6 +58,11 @@ def model_color(name: str, names: tuple[str, ...]) -> RGB:
         return MODELS[name]
     others = [other for other in names if other not in MODELS]
     return _OTHER_MODELS[others.index(name) % len(_OTHER_MODELS)]
+
+
+def model_name(name: str) -> str:
+    """What a model is called in pictures."""
+    return MODEL_NAMES.get(name, name)
 
 
 def sequential(values: Any, low: float, high: float) -> NDArray[np.uint8]:

@@ -18,8 +18,10 @@ Reason = Literal[
     "ambiguous-topic",  # several topics could be meant
     "joints-missing",  # a joint that is asked for is not recorded, or not in every message
     "not-finite",  # a position is NaN or infinite
+    "out-of-range",  # a position is beyond what any joint reaches
     "too-few-messages",  # fewer than two poses
     "time-not-increasing",  # two different poses at one time, or time runs backwards
+    "reserved-name",  # the file is named like a word that tables use for something else
     "does-not-move",  # the arm never leaves its first pose (found while trimming, pipeline.trajectories.timebase)
 ]
 REASONS: tuple[Reason, ...] = get_args(Reason)

@@ -16,6 +16,7 @@ from pipeline.stores.cdr import MAX_JOINTS, encode_joint_states
 from pipeline.stores.whole import written_whole
 
 LIBRARY = "lessbench"
+METADATA = "demonstration"  # the metadata record of an MCAP file that says who demonstrated
 _SCHEMA_NAME = "sensor_msgs/msg/JointState"
 _LAST_NS = (1 << 31) * 1_000_000_000 - 1  # the stamp's seconds are an int32
 _BATCH = 4096

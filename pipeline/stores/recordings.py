@@ -32,6 +32,7 @@ __all__ = [
 ]
 
 Clock = Literal["header", "log"]
+FARTHEST = 1e6  # rad or m; a position beyond it is a mistake in the file, and would make MuJoCo overflow
 _LISTED = 32  # names in a message
 
 
@@ -109,7 +110,8 @@ def read_joint_states(
 ) -> JointRecording:
     """Read the poses of one recording.
 
-    Messages are taken in order of log time, as every MCAP reader does. Skipped are messages without positions (they
+    Messages are taken in the order in which the file has them: a recorder writes one topic as it comes, so a time that
+    goes back means that a clock was set or that the file was put together, and either makes the motion a guess. Skipped are messages without positions (they
     carry no pose), messages naming none of the joints (another device on the same topic), and exact repeats: the same
     pose at the same time. Anything else that is out of order is an error, nothing is repaired.
 
@@ -239,15 +241,21 @@ def _poses(
     log_ns = np.concatenate([block.log_ns for block in used])
     stamp_ns = np.concatenate([block.states.stamp_ns for block in used])
     positions = np.concatenate([_columns(block, names) for block in used])
-    order = np.lexsort((np.concatenate([block.place for block in used]), log_ns))
+    order = np.argsort(np.concatenate([block.place for block in used]), kind="stable")
     clock: Clock = "header" if (stamp_ns > 0).all() else "log"
     time_ns = (stamp_ns if clock == "header" else log_ns)[order]
     positions = positions[order]
     if not np.isfinite(positions).all():
         row, column = np.argwhere(~np.isfinite(positions))[0]
         raise rejection("not-finite", f"Pose {row + 1} on {topic} has {names[column]} at {positions[row, column]}.")
+    if (np.abs(positions) > FARTHEST).any():
+        row, column = np.argwhere(np.abs(positions) > FARTHEST)[0]
+        raise rejection(
+            "out-of-range",
+            f"Pose {row + 1} on {topic} has {names[column]} at {positions[row, column]:g}; no joint goes beyond {FARTHEST:g}.",
+        )
     step_ns = np.diff(time_ns)
-    fresh = np.concatenate([[True], (step_ns != 0) | (np.diff(positions, axis=0) != 0).any(axis=1)])
+    fresh = np.concatenate([[True], (step_ns != 0) | (positions[1:] != positions[:-1]).any(axis=1)])
     time_ns, positions = time_ns[fresh], positions[fresh]
     if len(time_ns) < 2:
         raise _too_few(topic, len(time_ns), names)

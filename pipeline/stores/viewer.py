@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -22,6 +23,8 @@ from pipeline.errors import ArgumentError, StageError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from rerun import RecordingStream
+    from rerun.blueprint import Blueprint
 
     from pipeline.replay.geometry import Geometry
     from pipeline.studies.inspection import DensityCurve, DensityMap
@@ -130,22 +133,35 @@ def write_inspection(path: Path, inspection: Inspection) -> None:
     from pipeline.stores.viewer_posteriors import log_posteriors
     from pipeline.stores.viewer_scene import log_scene
 
-    partial = path.with_name(f".{path.name}.partial")
-    # one chunk per call, cut by nothing that depends on time or speed: equal inspections give equal contents
-    whole = rr.ChunkBatcherConfig(flush_tick=1e6, flush_num_bytes=1 << 40, flush_num_rows=1 << 40)
-    recording = rr.RecordingStream(
-        f"lessbench {inspection.task}", recording_id=inspection.task, send_properties=False, batcher_config=whole
-    )
-    strict = rr.strict_mode()
-    try:
-        rr.set_strict_mode(True)  # otherwise data that cannot be shown is left out with a warning
-        recording.set_log_time_enabled(False)
-        recording.save(partial, default_blueprint=layout(inspection))
+    with written_recording(path, inspection.task, layout(inspection)) as recording:
         recording.send_property("task", rr.AnyValues(name=inspection.task))
         log_scene(recording, inspection)
         log_densities(recording, inspection)
         log_posteriors(recording, inspection)
         log_summary(recording, inspection)
+
+
+@contextmanager
+def written_recording(path: Path, name: str, layout: Blueprint) -> Iterator[RecordingStream]:
+    """A recording that takes the place of `path` only once it is complete; what cannot be shown is an error.
+
+    Args:
+        path: the `.rrd` file.
+        name: of the recording, always the same for the same thing.
+        layout: what opens with it.
+    """
+    import rerun as rr
+
+    partial = path.with_name(f".{path.name}.partial")
+    # one chunk per call, cut by nothing that depends on time or speed: equal inspections give equal contents
+    whole = rr.ChunkBatcherConfig(flush_tick=1e6, flush_num_bytes=1 << 40, flush_num_rows=1 << 40)
+    recording = rr.RecordingStream(f"lessbench {name}", recording_id=name, send_properties=False, batcher_config=whole)
+    strict = rr.strict_mode()
+    try:
+        rr.set_strict_mode(True)  # otherwise data that cannot be shown is left out with a warning
+        recording.set_log_time_enabled(False)
+        recording.save(partial, default_blueprint=layout)
+        yield recording
         recording.flush(timeout_sec=30)
         recording.disconnect()
         partial.replace(path)

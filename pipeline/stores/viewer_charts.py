@@ -12,10 +12,11 @@ import numpy as np
 import rerun as rr
 
 from pipeline.stores import palette
-from pipeline.stores.viewer_posteriors import MODEL_NAMES
 from pipeline.stores.viewer_text import drawable, log_labels, part
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from pipeline.stores.viewer import Inspection
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Bounds = tuple[tuple[float, float], tuple[float, float]]
+    Marks = Mapping[str, tuple[Floats, palette.RGB]]
 
 _CURVE_SHAPE = 0.66
 _RUG = 0.05
@@ -32,8 +34,8 @@ _LINE, _HAIR = rr.Radius.ui_points(1.3), rr.Radius.ui_points(0.4)
 def log_densities(recording: rr.RecordingStream, inspection: Inspection) -> None:
     """Log the curves of each feature under `/density`, and the map of two features under `/map`."""
     for curve in inspection.curves:
-        _log_curve(recording, curve)
-    _log_map(recording, inspection.map)
+        log_curve(recording, curve)
+    log_map(recording, inspection.map)
 
 
 def log_summary(recording: rr.RecordingStream, inspection: Inspection) -> None:
@@ -62,7 +64,15 @@ def _with_margins(width: float, height: float) -> Bounds:
     return (-0.15 * width, 1.03 * width), (-0.05 * height, 1.12 * height)
 
 
-def _log_curve(recording: rr.RecordingStream, curve: DensityCurve) -> None:
+def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks | None = None) -> None:
+    """Log both densities along one feature, and marks where the demonstrations are.
+
+    Args:
+        recording: where to.
+        curve: the densities.
+        marks: values and colour of each kind of demonstrations, by name; those of the curve, if not given.
+    """
+    marks = marks or {"demonstrations": (curve.demonstrations, palette.DEMONSTRATION)}
     entity, width = curve_entity(curve.feature), float(curve.grid.size)
     height = _CURVE_SHAPE * width
     top = float(max(curve.raw.max(), curve.adjusted.max())) / 0.95
@@ -74,30 +84,40 @@ def _log_curve(recording: rr.RecordingStream, curve: DensityCurve) -> None:
         line = np.stack([columns, height * (1 - values / top)], axis=1)
         strip = rr.LineStrips2D([line], radii=_LINE, colors=color, draw_order=2.0)
         recording.log(f"{entity}/{name}", strip, static=True)
-    marks = _cells(curve.demonstrations, curve.grid)
-    rug = [[(x, height), (x, height * (1 - _RUG))] for x in marks]
-    strips = rr.LineStrips2D(rug, radii=_LINE, colors=palette.DEMONSTRATION, draw_order=3.0)
-    recording.log(f"{entity}/demonstrations", strips, static=True)
+    for row, (name, (values, color)) in enumerate(marks.items()):
+        foot, head = height * (1 - row * _RUG), height * (1 - (row + 1) * _RUG)
+        rug = [[(x, foot), (x, head)] for x in _cells(values, curve.grid)]
+        recording.log(
+            f"{entity}/{part(name)}", rr.LineStrips2D(rug, radii=_LINE, colors=color, draw_order=3.0), static=True
+        )
     up = ticks(0.0, top)
     _log_axes(recording, entity, (width, height), curve.grid, up, height * up / top)
-    named = ["every alternative alike", "weighted by LESS", "demonstrations"]
-    colors = [palette.RAW_DENSITY, palette.MODELS["less"], palette.DEMONSTRATION]
-    at = [(0.8 * width, row * 0.08 * height) for row in range(3)]
+    named = ["every alternative alike", "weighted by LESS", *marks]
+    colors = [palette.RAW_DENSITY, palette.MODELS["less"], *(color for _, color in marks.values())]
+    at = [(0.8 * width, row * 0.08 * height) for row in range(len(named))]
     log_labels(recording, f"{entity}/legend", at, named, colors=colors)
 
 
-def _log_map(recording: rr.RecordingStream, density: DensityMap) -> None:
+def log_map(recording: rr.RecordingStream, density: DensityMap, points: Marks | None = None) -> None:
+    """Log the density over two features as an image under `/map`, and the demonstrations as points.
+
+    Args:
+        recording: where to.
+        density: the image.
+        points: (n, 2) values and colour of each kind of demonstrations, by name; those of the map, if not given.
+    """
+    points = points or {"demonstrations": (density.demonstrations, palette.DEMONSTRATION)}
     height, width = density.density.shape
     # one dense spot, common with features that are often zero, would leave the rest dark on a linear scale
     share = np.sqrt(density.density[::-1] / density.density.max())
     smooth = rr.components.MagnificationFilter.Linear
     image = rr.Image(palette.sequential(share, 0.0, 1.0), magnification_filter=smooth)
     recording.log("map/density", image, static=True)
-    columns = _cells(density.demonstrations[:, 0], density.x)
-    points = np.stack([columns, height - _cells(density.demonstrations[:, 1], density.y)], axis=1)
-    for name, radius, color in (("rims", 6.0, palette.BACKGROUND), ("demonstrations", 4.5, palette.DEMONSTRATION)):
-        dots = rr.Points2D(points, radii=rr.Radius.ui_points(radius), colors=color, draw_order=31.0 - radius / 10)
-        recording.log(f"map/{name}", dots, static=True)
+    for name, (values, color) in points.items():
+        at = np.stack([_cells(values[:, 0], density.x), height - _cells(values[:, 1], density.y)], axis=1)
+        for suffix, radius, fill in ((" rims", 6.0, palette.BACKGROUND), ("", 4.5, color)):
+            dots = rr.Points2D(at, radii=rr.Radius.ui_points(radius), colors=fill, draw_order=31.0 - radius / 10)
+            recording.log(f"map/{part(name + suffix)}", dots, static=True)
     up = ticks(density.y[0], density.y[-1])
     _log_axes(recording, "map", (float(width), float(height)), density.x, up, _cells(up, density.y))
 
@@ -137,7 +157,7 @@ def ticks(low: float, high: float) -> Floats:
 
 def _legend(inspection: Inspection) -> str:
     final = {model: posterior[-1] for model, posterior in inspection.posteriors.items()}
-    names = [MODEL_NAMES.get(model, model) for model in final]
+    names = [palette.model_name(model) for model in final]
     order = np.argsort(-np.max(list(final.values()), axis=0), kind="stable")[:3]
     rows = [
         f"| {inspection.theta_labels[k]} | " + " | ".join(f"{p[k]:.3f}" for p in final.values()) + " |" for k in order

@@ -67,7 +67,12 @@ def repeated_measures_anova(table: pl.DataFrame, dependent: str, within: Sequenc
 
 
 def tukey_hsd(
-    table: pl.DataFrame, dependent: str, within: Sequence[str], subject: str, confidence: float = 0.95
+    table: pl.DataFrame,
+    dependent: str,
+    within: Sequence[str],
+    subject: str,
+    confidence: float = 0.95,
+    same: str | None = None,
 ) -> pl.DataFrame:
     """Tukey's honestly significant differences between all cells of a design within subjects.
 
@@ -78,6 +83,7 @@ def tukey_hsd(
     Args:
         table, dependent, within, subject: as for `repeated_measures_anova`, with any number of factors.
         confidence: of the simultaneous intervals.
+        same: a factor; only pairs of cells on the same level of it are returned, judged as part of all pairs.
 
     Returns:
         One row per pair of cells: each factor twice (`<factor>_a`, `<factor>_b`), `mean_a`, `mean_b`, `difference`
@@ -91,6 +97,9 @@ def tukey_hsd(
     design = _Design.of(table, dependent, within, subject)
     if not 0 < confidence < 1:
         raise ArgumentError(f"confidence is {confidence}; it must be between 0 and 1.")
+    if same is not None and same not in within:
+        raise ArgumentError(f"same is {same!r}; it must be one of the factors, {', '.join(within)}.")
+    place = None if same is None else list(within).index(same)
     n, k = design.values.shape
     means = design.values.mean(axis=0)
     df = (n - 1) * (k - 1)
@@ -98,6 +107,8 @@ def tukey_hsd(
     half_width = standard_error * float(studentized_range.ppf(confidence, k, df))
     rows = []
     for a, b in combinations(range(k), 2):
+        if place is not None and design.cells[a][place] != design.cells[b][place]:
+            continue
         difference = float(means[a] - means[b])
         q = abs(difference) / standard_error
         cells = {f"{name}_a": level for name, level in zip(within, design.cells[a], strict=True)}

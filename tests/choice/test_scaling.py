@@ -62,15 +62,14 @@ def test_rounding_is_no_spread() -> None:
 def test_a_feature_that_does_not_vary_may_be_left_as_it_is() -> None:
     pool = np.column_stack([np.arange(3.0), np.ones(3)])
     np.testing.assert_array_equal(feature_scale(pool, "none", NAMES), [1.0, 1.0])
-    np.testing.assert_array_equal(feature_scale(pool, {"effort": 2.0, "height": 3.0}, NAMES), [2.0, 3.0])
+    np.testing.assert_array_equal(feature_scale(pool, {"tilt": 1.0, "effort": 2.0, "height": 3.0}, NAMES), [2.0, 3.0])
 
 
 @pytest.mark.parametrize(
     ("method", "message"),
     [
         ("minmax", "'minmax'; allowed are range, std, none"),
-        ({"effort": 1.0}, "constants for effort; the features are effort, height"),
-        ({"effort": 1.0, "height": 1.0, "tilt": 1.0}, "effort, height, tilt"),
+        ({"effort": 1.0, "tilt": 1.0}, "constants for effort, tilt; it lacks height"),
     ],
 )
 def test_refusals(method: str | dict[str, float], message: str) -> None:

@@ -48,6 +48,7 @@ PARAMETERS: dict[str, Any] = {
             "end_effector": "tip",
             "surface": "floor",
             "recordings": "mine",
+            "anchor": "task",
             "features": {"effort": {"kind": "efficiency"}, "vase": {"kind": "proximity", "object": "vase", "radius_m": 0.5}},
             "preferences": {"effort": {"kind": "efficiency"}, "lift": {"kind": "height"}},
             "thetas": "grid",
@@ -59,7 +60,7 @@ PARAMETERS: dict[str, Any] = {
     },
     "ingest": {"waypoints": 15, "idle_rad": 0.01, "on_rejected": "stop"},
     "sample": {
-        "anchor": "task", "sizes": [5, 20], "sets": 2, "working_set": 30, "sampler": "mixture",
+        "sizes": [5, 20], "sets": 2, "working_set": 30, "sampler": "mixture", "given": None,
         "deformation": {"width_rad": 0.2, "modes": 4}, "via-point": {"reach_rad": 0.4},
         "planner": {"paths": 3, "width_rad": 0.05},
     },
@@ -72,6 +73,15 @@ PARAMETERS: dict[str, Any] = {
         },
     },
     "infer": {"models": ["boltzmann", "less"], "theta_values": [0, 0.5, 1], "betas": [0.3, 3, 30]},
+    "robustness": {
+        "samplers": {
+            "near": {"kind": "deformation", "width_rad": 0.1}, "far": {"kind": "deformation", "width_rad": 0.3},
+            "both": {"kind": "mixture", "of": ["near", "far"]}, "via": {"kind": "via-point", "reach_rad": 0.4},
+            "planned": {"kind": "planner", "paths": 2},
+        },
+        "duplicates": {"set_size": 20, "copied": 2, "copies": [1, 4], "spreads": [0, 0.05]},
+        "bandwidth_factors": [0.5, 1],
+    },
 }  # fmt: skip
 
 

@@ -1,5 +1,7 @@
 """The whole chain on an arm of another shape with other features: nothing in the pipeline knows the JACO."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +10,9 @@ import numpy as np
 import polars as pl
 import pytest
 from mcap.reader import make_reader
+from ruamel.yaml import YAML
 
+from pipeline.errors import StageError
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample, simulate
 from pipeline.stages.project import Project, recorded_runs
 from pipeline.stores.catalog import ask
@@ -95,7 +99,8 @@ def test_the_posterior_is_that_of_a_slow_loop(make_project: Make, parameters: di
 
 
 def test_alternatives_anchored_at_each_demonstration(make_project: Make, parameters: dict[str, Any]) -> None:
-    parameters["sample"] |= {"anchor": "demonstration", "sampler": "deformation", "sets": 1}
+    parameters["tasks"]["sweep"]["anchor"] = "demonstration"
+    parameters["sample"] |= {"sampler": "deformation", "sets": 1}
     project = make_project(parameters)
     run_chain(project)
     alternatives, demonstrations = table(project, "alternatives"), table(project, "demonstrations")
@@ -151,7 +156,8 @@ def test_provenance_names_the_inputs_by_content(make_project: Make, parameters: 
     assert set(stated["inputs"]) == {  # type: ignore[call-overload]
         "datasets/sweep/demonstrations.parquet", "datasets/sweep/alternatives.parquet", "gantry.xml"
     }  # fmt: skip
-    assert stated["seed"] == 7
+    assert "seed" not in stated  # no random number goes into features
+    assert read_provenance(project.table("sweep", "alternatives"))["seed"] == 7
     parameters["infer"]["betas"] = [1]
     changed = make_project(parameters)
     featurize.run(changed, "sweep")
@@ -167,3 +173,38 @@ def test_other_scales(make_project: Make, parameters: dict[str, Any], scale: obj
     pool = table(project, "features").filter(kind="alternative").select("effort", "vase").to_numpy()
     expected = {"std": pool.std(axis=0), "none": [1.0, 1.0]}.get(str(scale), [2.0, 3.0])
     np.testing.assert_allclose(scales["scale"], expected, rtol=1e-12)
+
+
+def test_given_alternatives_are_drawn_without_repeating_one(make_project: Make, parameters: dict[str, Any]) -> None:
+    parameters["sample"] |= {"sampler": "given", "given": "mine.parquet"}
+    project = make_project(parameters)
+    pool = np.random.default_rng(3).uniform(-0.5, 0.5, (40, 15, 3))
+    pool[:, :, 1] += 2 * np.pi  # another turn of the joint without limits
+    pl.DataFrame({"waypoints": pl.Series(pool.reshape(40, 45))}).write_parquet(project.root / "mine.parquet")
+    run_chain(project)
+    pool[:, :, 1] -= 2 * np.pi
+    drawn = table(project, "alternatives").filter(set_id="working")["waypoints"].to_numpy()
+    distances = np.abs(drawn[:, None] - pool[None]).max(axis=(2, 3))
+    assert (distances.min(axis=1) < 1e-6).all()
+    assert len(set(distances.argmin(axis=1))) == 30
+    pl.DataFrame({"waypoints": pl.Series(pool.reshape(40, 45)[:10])}).write_parquet(project.root / "mine.parquet")
+    with pytest.raises(StageError, match=r"a set of 30 is wanted and sample\.given has 10 trajectories"):
+        sample.run(project, "sweep")
+
+
+def test_an_overlay_runs_a_task_that_params_yaml_does_not_have(
+    make_project: Make, parameters: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project = make_project(parameters)
+    task = parameters["tasks"]["sweep"] | {"anchor": "demonstration"}
+    with (project.root / "mine.yaml").open("w") as stream:
+        YAML(typ="safe", pure=True).dump({"tasks": {"wave": task}, "sample": {"sampler": "deformation"}}, stream)
+    before = (project.root / "params.yaml").read_bytes()
+    done = subprocess.run(
+        [sys.executable, "-m", "pipeline", "--overlay", "mine.yaml", "run", "wave"],
+        cwd=project.root, capture_output=True, text=True, timeout=240,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (project.root / "params.yaml").read_bytes() == before
+    assert (project.datasets / "wave" / "inspect.rrd").is_file()
+    assert list((project.datasets / "wave" / "figures").glob("*.svg"))

@@ -62,7 +62,7 @@ def slow_scores(project: Project, model: str, set_size: int, set_id: str) -> lis
 
 @pytest.mark.parametrize("anchor", ["task", "demonstration"])
 def test_equals_the_slow_loop(make_project: Make, parameters: dict[str, Any], anchor: str) -> None:
-    parameters["sample"]["anchor"] = anchor
+    parameters["tasks"]["sweep"]["anchor"] = anchor
     project = make_project(parameters)
     run_chain(project)
     held_out = table(project, "held_out")

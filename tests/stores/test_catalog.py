@@ -87,3 +87,7 @@ def test_a_question_without_end_is_stopped(catalog: Path) -> None:
 def test_no_catalog_is_said_with_its_remedy(tmp_path: Path) -> None:
     with pytest.raises(QueryError, match="dvc repro"):
         ask(tmp_path / "catalog.duckdb", "select 1")
+
+
+def test_columns_of_one_name_are_told_apart(catalog: Path) -> None:
+    assert ask(catalog, "select 1 as a, 2 as a, 3 as a_2, 4 as a").columns == ["a", "a_2", "a_2_2", "a_3"]

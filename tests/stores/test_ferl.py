@@ -249,9 +249,10 @@ def test_no_changed_byte_does_harm(tmp_path: Path) -> None:
         changed[position] ^= int(RNG.integers(1, 256))
         try:
             (path,) = imported(tmp_path, bytes(changed))
+            shape = read_joint_states(path).positions.shape
         except RecordingError:
             continue
-        assert read_joint_states(path).positions.shape == (2, 3)
+        assert shape == (2, 3)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ message = st.tuples(
     st.permutations(["a", "b", "c"]),
     st.sampled_from(["<", ">"]),
     st.sampled_from(["", "base", "a longer frame"]),
-    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=3, max_size=3),
+    st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3),
     st.lists(st.floats(), max_size=3),
 )
 
@@ -135,11 +135,27 @@ def test_more_layouts_than_are_searched_for_are_read_one_by_one(tmp_path: Path) 
     np.testing.assert_array_equal(read_joint_states(write_bag(tmp_path / "a.mcap", messages)).positions, q)
 
 
-def test_messages_come_in_order_of_log_time_wherever_they_stand(tmp_path: Path) -> None:
+def test_times_that_go_back_in_the_file_are_refused(tmp_path: Path) -> None:
     q = poses(30)
     shuffled = [states(q, ["a", "b", "c"])[i] for i in np.random.default_rng(1).permutation(30)]
-    path = write_bag(tmp_path / "a.mcap", shuffled, chunk_size=400)
-    np.testing.assert_array_equal(read_joint_states(path).positions, q)
+    with pytest.raises(RecordingError) as refused:
+        read_joint_states(write_bag(tmp_path / "a.mcap", shuffled, chunk_size=400))
+    assert refused.value.reason == "time-not-increasing"
+    stepped = [
+        (topic, log_ns - (i >= 15) * 50_500_000, data)
+        for i, (topic, log_ns, data) in enumerate(states(q, ["a", "b", "c"], stamped=False))
+    ]
+    with pytest.raises(RecordingError) as refused:
+        read_joint_states(write_bag(tmp_path / "b.mcap", stepped))
+    assert refused.value.reason == "time-not-increasing"
+
+
+def test_a_position_that_no_joint_reaches_is_refused(tmp_path: Path) -> None:
+    q = poses(4)
+    q[2, 1] = 1e307
+    with pytest.raises(RecordingError, match=r"1e\+307") as refused:
+        read_joint_states(write_bag(tmp_path / "a.mcap", states(q, ["a", "b", "c"])))
+    assert refused.value.reason == "out-of-range"
 
 
 def test_log_times_serve_when_a_stamp_is_missing(tmp_path: Path) -> None:

@@ -180,17 +180,16 @@ def test_a_capsule_starts_at_its_lower_cap(chunks):
 
 
 def test_bars_are_as_long_as_their_probabilities(chunks, inspection):
-    chart = page(inspection)
+    layout = page(inspection)
+    chart, order = layout.chart, layout.order
     assert chart.full == 1.0
-    assert [inspection.theta_labels[k] for k in chart.order] == ["height", "effort", "effort + height"]
+    assert [inspection.theta_labels[k] for k in order] == ["height", "effort", "effort + height"]
     (chunk,) = chunks["/posterior/less/bars"]
     assert chunk.num_rows == 4
     for step, (strips, radii) in enumerate(zip(column(chunk, "strips"), column(chunk, "radii"), strict=True)):
         ends = np.array(strips)[:, :, 0]
         lengths = ends[:, 1] - ends[:, 0] + 2 * np.array(radii)
-        np.testing.assert_allclose(
-            lengths / chart.full_length, inspection.posteriors["less"][step][chart.order], atol=1e-5
-        )
+        np.testing.assert_allclose(lengths / chart.full_length, inspection.posteriors["less"][step][order], atol=1e-5)
         np.testing.assert_allclose(ends[:, 0] - np.array(radii), chart.left(1), atol=1e-3)
     seconds = chunk.to_record_batch().column(TIMELINE).cast("int64").to_numpy() / 1e9
     np.testing.assert_allclose(seconds, [0.0, 2.0, 3.5, 7.0])
@@ -202,11 +201,11 @@ def test_a_long_list_of_hypotheses_ends_with_the_rest_together(inspection):
     many = dataclasses.replace(
         inspection, theta_labels=tuple(f"theta {k}" for k in range(50)), posteriors={"less": posterior}
     )
-    chart = page(many)
-    values = chart.row_values(posterior[-1])
-    assert (len(chart.order), chart.others, values.size) == (20, 30, 21)
+    layout = page(many)
+    values = layout.row_values(posterior[-1])
+    assert (len(layout.order), layout.others, values.size) == (20, 30, 21)
     assert values[-1] == pytest.approx(0.30)
-    assert chart.full == 0.5
+    assert layout.chart.full == 0.5
 
 
 def test_text_has_the_numbers_and_only_characters_that_can_be_drawn(chunks):
@@ -323,10 +322,11 @@ def test_no_view_reports_an_error(recording, tmp_path):
 
 
 def test_every_model_has_its_own_color():
-    names = (*palette.MODELS, "path-size", "other")
+    names = (*palette.MODELS, "other", "another")
     colors = [palette.model_color(name, names) for name in names]
     assert len(set(colors)) == len(names)
     assert palette.DEMONSTRATION not in colors
+    assert not set(palette.SETS.values()) & set(palette.MODELS.values())
 
 
 def test_the_scales_run_from_dark_to_light():

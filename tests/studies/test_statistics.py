@@ -102,6 +102,16 @@ def test_tukey_of_four_cells() -> None:
     assert significant.to_list() == (table["p_value"] < 0.05).to_list()
 
 
+def test_tukey_of_pairs_on_one_level_is_part_of_all_pairs() -> None:
+    table = long(measurements(9, 2, 3, seed=8))
+    pairs = tukey_hsd(table, "y", ["a", "b"], "s")
+    some = tukey_hsd(table, "y", ["a", "b"], "s", same="b")
+    assert some["b_a"].to_list() == ["b0", "b1", "b2"]
+    assert some.equals(pairs.filter(pl.col("b_a") == pl.col("b_b")))
+    with pytest.raises(ArgumentError, match="same is 'c'; it must be one of the factors, a, b"):
+        tukey_hsd(table, "y", ["a", "b"], "s", same="c")
+
+
 def test_logistic_is_the_contrast_of_log_odds() -> None:
     rng = np.random.default_rng(6)
     latent = rng.normal(size=(300, 1, 1)) + rng.normal(size=(300, 2, 2))

@@ -1,0 +1,74 @@
+"""Write docs/tables.md from the schemas and the catalog's views: `python docs/make_tables.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pipeline.stores.catalog import VIEWS
+from schemas import Column, names, schema
+
+TABLES = (
+    "demonstrations", "rejected", "alternatives", "sampling", "features", "feature_units", "scales", "densities",
+    "posteriors", "held_out", "shifted_alternatives", "shifted_sampling", "shifted_features", "robustness",
+    "robustness_posteriors", "robustness_sets", "robustness_summary", "robustness_anova", "robustness_post_hoc",
+    "sensitivity", "sensitivity_summary", "duplicates", "duplicates_summary",
+)  # fmt: skip
+PAGE = Path(__file__).with_name("tables.md")
+INTRODUCTION = """\
+# The tables
+
+Made from `schemas/*.toml` by `python docs/make_tables.py`; change it there.
+
+Every table is a Parquet file: `datasets/<task>/<name>.parquet` for a task, `datasets/studies/<name>.parquet` for a study.
+The catalog, `datasets/catalog.duckdb`, has all of them under the same names; there the tables of the tasks are joined, with
+a column `task`. A file that breaks its schema is neither written nor read. Its metadata `lessbench.schema` names the table
+and its version, `lessbench.provenance` the program, the seed if one was used, and hashes of the parameters and files it was made from.
+
+A type `double[J][T]` is an array of T arrays of J numbers (numpy shape `(T, J)`); in the catalog it is a list. J stands
+for joints, T for waypoints, F for features. A value is never NaN, and missing only where the last column says so.
+"""
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(page(), encoding="utf-8")
+
+
+def page() -> str:
+    """The whole page."""
+    studies = [name for name in names() if name not in TABLES]
+    parts = [INTRODUCTION, "## Tables of a task, in the order in which they are made\n", *map(_table, TABLES)]
+    if studies:
+        parts += ["## Tables of the studies\n", *map(_table, studies)]
+    parts += ["## Views of the catalog\n", _views()]
+    return "\n".join(parts)
+
+
+def _table(name: str) -> str:
+    contract = schema(name)
+    columns = [*contract.columns, *([contract.further] if contract.further else [])]
+    lines = [
+        f"### {name}\n",
+        f"Each row: {contract.row}. Key: {', '.join(f'`{column}`' for column in contract.key)}. "
+        f"Version {contract.version}.\n",
+        "| column | type | unit | meaning | missing |",
+        "|---|---|---|---|---|",
+        *(_row(column, further=column is contract.further) for column in columns),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _row(column: Column, further: bool) -> str:
+    name = column.name if further else f"`{column.name}`"
+    cells = [name, f"`{column.type}`", column.unit, column.description, "may be" if column.nullable else ""]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _views() -> str:
+    lines = ["| view | made from | what it says |", "|---|---|---|"]
+    lines += [f"| `{name}` | `{table}` | {comment} |" for name, (table, comment, _) in VIEWS.items()]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""Stage: the figures of a task, or of the studies, as SVG and PNG, drawn from the tables alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import polars as pl
+from matplotlib.figure import Figure
+
+from pipeline.stages.project import STUDIES, WORKING, Project, recorded_run
+from pipeline.stages.task_view import task_view
+from pipeline.stores.figures import write_figure
+from pipeline.stores.grid_world_figures import density_figure, overall_figure, sets_figure, true_posterior_figure
+from pipeline.stores.held_out_figures import held_out_figure
+from pipeline.stores.human_choice_figures import choices_figure
+from pipeline.stores.robustness_figures import (
+    accuracy_figure,
+    duplicates_figure,
+    importance_figure,
+    kl_figure,
+    sensitivity_figure,
+    two_posteriors_figure,
+)
+from pipeline.stores.tables import read_table
+from pipeline.stores.task_figures import densities_figure, map_figure, posterior_figure
+from pipeline.stores.whole import folder_written_whole
+from pipeline.studies.figure_tables import compare_models, differences, with_mean_intervals, with_share_intervals
+from pipeline.studies.robustness_views import accuracy, entropies, example, middle_size
+
+FOLDER = "figures"
+ROBUSTNESS = (
+    "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity", "sensitivity_summary",
+    "duplicates_summary",
+)  # fmt: skip
+
+
+def run(project: Project, name: str) -> None:
+    """Write the figures of the task `name`."""
+    project.params.task(name)
+    with recorded_run(project, "figures", name) as record:
+        view = task_view(project, name)
+        final = {model: steps[-1].marginal_theta for model, steps in view.beliefs.items()}
+        figures = {
+            "densities": densities_figure(view.curves),
+            "density_map": map_figure(view.map),
+            "posterior": posterior_figure(final, view.labels, view.meaning),
+        }
+        held_out = read_table(project.table(name, "held_out"), "held_out").filter(set_id=WORKING)
+        if held_out.height:
+            figures["held_out"] = held_out_figure(held_out, compare_models(held_out), differences(held_out))
+        if project.table(name, ROBUSTNESS[0]).exists():
+            tables = {table: read_table(project.table(name, table), table) for table in ROBUSTNESS}
+            figures |= _robustness(tables, view.labels, view.meaning)
+        else:
+            record.notes.append(f"no robustness study yet, so none of its figures: lessbench study robustness {name}")
+        record.produced = _write(project.datasets / name / FOLDER, figures)
+
+
+def run_studies(project: Project) -> None:
+    """Write the figures of the human choice study and of the grid world."""
+    grid = project.params.studies.grid_world
+    with recorded_run(project, "figures", STUDIES) as record:
+        tables = {
+            name: read_table(project.table(STUDIES, f"grid_world_{name}"), f"grid_world_{name}")
+            for name in ("summary", "paths", "posteriors", "density_1d", "density_2d")
+        }
+        predictions = read_table(project.table(STUDIES, "human_choice_predictions"), "human_choice_predictions")
+        summary = with_mean_intervals(tables["summary"])
+        figures = {
+            "human_choice": choices_figure(with_share_intervals(predictions)),
+            "grid_world_true_posterior": true_posterior_figure(summary),
+            "grid_world_overall": overall_figure(summary),
+            "grid_world_sets": sets_figure(tables["paths"], tables["posteriors"], grid.objects, grid.size),
+            "grid_world_density": density_figure(tables["paths"], tables["density_1d"], tables["density_2d"]),
+        }
+        record.produced = _write(project.datasets / STUDIES / FOLDER, figures)
+
+
+def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:
+    truth = accuracy(tables["robustness"])
+    shown = example(tables["robustness_posteriors"])
+    size = middle_size(tables["sensitivity"])
+    summary, sets = tables["robustness_summary"], tables["robustness_sets"]
+    figures = {
+        "robustness": kl_figure(summary),
+        "two_posteriors": two_posteriors_figure(shown.posteriors, shown.set_ids, labels, meaning),
+        "duplicates": duplicates_figure(tables["duplicates_summary"]),
+        "sensitivity": sensitivity_figure(
+            tables["sensitivity_summary"].filter(set_size=size), entropies(tables["sensitivity"].filter(set_size=size))
+        ),
+    }
+    if "known-density" in summary["regime"]:
+        figures["importance"] = importance_figure(summary, truth, sets)
+    if truth.height:
+        figures["accuracy"] = accuracy_figure(truth, len(labels))
+    return figures
+
+
+def _write(folder: Path, figures: Mapping[str, Figure]) -> str:
+    with folder_written_whole(folder) as partial:
+        for name, figure in figures.items():
+            write_figure(partial, name, figure)
+    return f"{len(figures)} figures"

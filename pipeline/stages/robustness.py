@@ -1,0 +1,164 @@
+"""Stage: how far the posteriors of a task depend on the alternatives that were sampled, and on the choices made."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.choice.scaling import feature_scale
+from pipeline.errors import StageError
+from pipeline.params import Task
+from pipeline.replay.features import FeatureSet, bind_features
+from pipeline.replay.scene import scene_files
+from pipeline.stages.infer import hypotheses
+from pipeline.stages.project import WORKING, Project, Run, recorded_run
+from pipeline.stages.scenes import load_task_scene
+from pipeline.stores.tables import read_table, write_table
+from pipeline.studies.choice_sets import ChoiceSets, Demonstrations, Problem
+from pipeline.studies.duplicates import Duplication, inject_duplicates
+from pipeline.studies.posterior_spread import true_direction
+from pipeline.studies.robustness import INDEPENDENT, KNOWN_DENSITY, SHIFT, RobustnessResult, compare_samplings
+from pipeline.studies.robustness_statistics import ANOVA, POST_HOC, analyse_regime, summarise
+from pipeline.studies.sensitivity import vary_choices
+from pipeline.trajectories.streams import child_rng
+
+Array = NDArray[np.float64]
+INPUTS = ("demonstrations", "features", "scales", "shifted_alternatives")
+SCALES = ("range", "std", "none")
+
+
+def run(project: Project, name: str) -> None:
+    """Write the tables of the robustness study of the task `name`."""
+    task = project.params.task(name)
+    with recorded_run(project, "robustness", name) as record:
+        sources = {table: project.table(name, table) for table in INPUTS}
+        scene = load_task_scene(project, task)
+        features = bind_features(scene, task.features)
+        tables = _tables(project, name, task, features, sources, record)
+        settings = [
+            task.features, task.end_effector, task.thetas, project.params.infer.theta_values, project.params.infer.betas,
+            project.params.density,
+            project.params.robustness.duplicates, project.params.robustness.bandwidth_factors,
+        ]  # fmt: skip
+        provenance = project.provenance(settings, [*sources.values(), *scene_files(scene.path)], seeded=True)
+        for table, rows in tables.items():
+            write_table(project.table(name, table), table, rows, provenance)
+
+
+def _tables(
+    project: Project, name: str, task: Task, features: FeatureSet, sources: dict[str, Path], record: Run
+) -> dict[str, pl.DataFrame]:
+    settings, bandwidth = project.params.robustness, project.params.density.bandwidth
+    own = read_table(sources["features"], "features")
+    alternatives = own.filter((pl.col("kind") == "alternative") & (pl.col("set_id") != WORKING)).rename(
+        {"id": "alternative_id"}
+    )
+    shifted = _featurized(read_table(sources["shifted_alternatives"], "shifted_alternatives"), features)
+    _require_sets(alternatives, settings.duplicates.set_size)
+    scales = read_table(sources["scales"], "scales")
+    scale = scales["scale"].to_numpy()
+    people = read_table(sources["demonstrations"], "demonstrations", ["demonstration_id", "participant", "true_theta"])
+    problem = Problem(
+        _demonstrations(people, own, features.names, scale),
+        {
+            INDEPENDENT: _choice_sets(alternatives, features.names, scale),
+            SHIFT: _choice_sets(shifted, features.names, scale),
+        },
+        hypotheses(task, project.params.infer),
+        np.array(project.params.infer.betas),
+    )
+    result = compare_samplings(problem, bandwidth)
+    pool = own.filter(kind="alternative").select(features.names).to_numpy()
+    used = scales["method"][0]
+    ratios = {method: scale / feature_scale(pool, method, features.names) for method in SCALES if method != used}
+    sensitivity = vary_choices(problem, result, bandwidth, settings.bandwidth_factors, ratios, used)
+    duplicates = inject_duplicates(
+        problem,
+        tuple(sets for sets in problem.regimes[INDEPENDENT] if sets.set_size == settings.duplicates.set_size),
+        Duplication(settings.duplicates.copied, settings.duplicates.copies, settings.duplicates.spreads),
+        bandwidth,
+        lambda set_id, anchor: child_rng(project.params.seed, "duplicates", name, anchor, set_id),
+    )
+    record.produced = f"{result.posteriors.height // len(problem.thetas):,} posteriors over theta compared"
+    return {
+        "shifted_features": shifted.drop("log_proposal"),
+        "robustness": result.robustness,
+        "robustness_posteriors": result.posteriors,
+        "robustness_sets": result.sets,
+        "robustness_summary": summarise(result.robustness, ["regime", "model", "set_size"], "kl_aggregate"),
+        **_statistics(result, record),
+        "sensitivity": sensitivity,
+        "sensitivity_summary": summarise(
+            sensitivity, ["regime", "choice", "setting", "is_default", "model", "set_size"], "kl_aggregate"
+        ),
+        "duplicates": duplicates,
+        "duplicates_summary": summarise(duplicates, ["model", "copies", "spread"], "kl_from_clean"),
+    }
+
+
+def _statistics(result: RobustnessResult, record: Run) -> dict[str, pl.DataFrame]:
+    found = [
+        analyse_regime(result.robustness, regime)
+        for regime in (INDEPENDENT, SHIFT, KNOWN_DENSITY)
+        if regime in result.robustness["regime"]
+    ]
+    effects = [tests[0] for tests in found if tests is not None]
+    pairs = [tests[1] for tests in found if tests is not None]
+    if len(effects) < len(found):
+        record.notes.append("too few participants, or no difference between them, for an analysis of variance")
+    return {
+        "robustness_anova": pl.concat([pl.DataFrame(schema=ANOVA), *effects]),
+        "robustness_post_hoc": pl.concat([pl.DataFrame(schema=POST_HOC), *pairs]),
+    }
+
+
+def _featurized(alternatives: pl.DataFrame, features: FeatureSet) -> pl.DataFrame:
+    values = features.evaluate(alternatives["waypoints"].to_numpy().astype(np.float64))
+    return alternatives.drop("waypoints", "sampler").with_columns(
+        pl.Series(name, values[:, f]) for f, name in enumerate(features.names)
+    )
+
+
+def _demonstrations(people: pl.DataFrame, own: pl.DataFrame, names: tuple[str, ...], scale: Array) -> Demonstrations:
+    rows = people.join(
+        own.filter(kind="demonstration"), left_on="demonstration_id", right_on="id", maintain_order="left"
+    )
+    stated = [None if text is None else json.loads(text) for text in people["true_theta"]]
+    return Demonstrations(
+        tuple(people["demonstration_id"]),
+        tuple(people["participant"]),
+        rows.select(names).to_numpy() / scale,
+        tuple(None if weights is None else true_direction(weights, names, scale) for weights in stated),
+    )
+
+
+def _choice_sets(table: pl.DataFrame, names: tuple[str, ...], scale: Array) -> tuple[ChoiceSets, ...]:
+    found = []
+    for rows in table.partition_by("set_size", "set_id", maintain_order=True):
+        anchors = {part["anchor"][0]: part for part in rows.partition_by("anchor", maintain_order=True)}
+        known = "log_proposal" in rows.columns and rows["log_proposal"].null_count() == 0
+        found.append(
+            ChoiceSets(
+                rows["set_size"][0],
+                rows["set_id"][0],
+                {anchor: part.select(names).to_numpy() / scale for anchor, part in anchors.items()},
+                {anchor: part["log_proposal"].to_numpy() for anchor, part in anchors.items()} if known else {},
+            )
+        )
+    return tuple(found)
+
+
+def _require_sets(alternatives: pl.DataFrame, size: int) -> None:
+    counts = dict(alternatives.group_by("set_size").agg(pl.col("set_id").n_unique()).iter_rows())
+    if min(counts.values(), default=0) < 2:
+        raise StageError(
+            "the study compares sets of one size, and there are not two; give sample.sizes and set sample.sets to 2 or more"
+        )
+    if size not in counts:
+        raise StageError(
+            f"robustness.duplicates.set_size is {size}; it must be one of sample.sizes, {', '.join(map(str, sorted(counts)))}"
+        )

@@ -1,0 +1,16 @@
+"""All stages of one task, one after another, for parameters that DVC does not watch."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from pipeline.stages.project import Project
+
+CHAIN = ("ingest", "sample", "featurize", "density", "infer", "shift", "robustness", "figures", "inspect")
+
+
+def run_task(project: Project, name: str) -> None:
+    """Run the stages from the recordings of the task `name` to its figures and its recording for the viewer."""
+    project.params.task(name)
+    for stage in CHAIN:
+        import_module(f"pipeline.stages.{stage}").run(project, name)

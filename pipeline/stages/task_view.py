@@ -1,0 +1,131 @@
+"""What the recording and the figures of a task both show, made from its tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.choice import Posterior, posterior_from
+from pipeline.stages.project import WORKING, Project
+from pipeline.stores.tables import read_table
+from pipeline.studies.inspection import (
+    DensityCurve,
+    DensityMap,
+    density_curve,
+    density_map,
+    theta_labels,
+    theta_meaning,
+)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TaskView:
+    """One task on its working set.
+
+    Attributes:
+        demonstrations: the table.
+        alternatives: the table's rows of the working set; of several anchors, the first one's.
+        log_weights: (N,) LESS's log weight of each alternative.
+        bandwidth: of LESS on this set, in scaled features.
+        curves: density along each feature, those first that the belief gives the largest weights.
+        map: density over the first two of them.
+        labels: (K,) the hypotheses in words.
+        meaning: what the numbers in the labels are.
+        beliefs: by model, the belief before any demonstration and after each.
+    """
+
+    demonstrations: pl.DataFrame
+    alternatives: pl.DataFrame
+    log_weights: Floats
+    bandwidth: float
+    curves: tuple[DensityCurve, ...]
+    map: DensityMap
+    labels: tuple[str, ...]
+    meaning: str
+    beliefs: dict[str, list[Posterior]]
+
+
+def task_view(project: Project, name: str) -> TaskView:
+    """Read the tables of the task `name`.
+
+    Raises:
+        TableError: a table is missing or not what it should be.
+    """
+    demonstrations = read_table(project.table(name, "demonstrations"), "demonstrations")
+    alternatives = _anchored_alike(read_table(project.table(name, "alternatives"), "alternatives"))
+    features = read_table(project.table(name, "features"), "features")
+    densities = alternatives.select("alternative_id").join(
+        read_table(project.table(name, "densities"), "densities"), on="alternative_id", maintain_order="left"
+    )
+    scales = read_table(project.table(name, "scales"), "scales")
+    posteriors = read_table(project.table(name, "posteriors"), "posteriors").filter(set_id=WORKING)
+    names, units = scales["feature"].to_list(), scales["unit"].to_list()
+    phi = _features_of(alternatives["alternative_id"], features, names)
+    demos = _features_of(demonstrations["demonstration_id"], features, names)
+    sigma = densities["bandwidth"][0] * scales["scale"].to_numpy()
+    log_weights = -densities["log_density"].to_numpy()
+    ids = tuple(demonstrations["demonstration_id"])
+    beliefs = {
+        model: _sequence(posteriors.filter(model=model), ids)
+        for model in posteriors["model"].unique(maintain_order=True)
+    }
+    final = list(beliefs.values())[-1][-1]
+    order = _by_weight(final)
+    pair = [order[0], order[min(1, len(order) - 1)]]
+    return TaskView(
+        demonstrations=demonstrations,
+        alternatives=alternatives,
+        log_weights=log_weights,
+        bandwidth=float(densities["bandwidth"][0]),
+        curves=tuple(density_curve(names[f], units[f], phi[:, f], demos[:, f], sigma[f], log_weights) for f in order),
+        map=density_map(
+            (names[pair[0]], names[pair[1]]),
+            (units[pair[0]], units[pair[1]]),
+            phi[:, pair],
+            demos[:, pair],
+            sigma[pair],
+        ),
+        labels=theta_labels(final.thetas, names),
+        meaning=theta_meaning(final.thetas),
+        beliefs=beliefs,
+    )
+
+
+def _anchored_alike(alternatives: pl.DataFrame) -> pl.DataFrame:
+    """The working set; of several, anchored at one demonstration each, the first."""
+    working = alternatives.filter(set_id=WORKING)
+    return working.filter(anchor=working["anchor"][0])
+
+
+def _features_of(ids: pl.Series, features: pl.DataFrame, names: list[str]) -> Floats:
+    """(n, F) raw values, in the order of the ids."""
+    return ids.to_frame("id").join(features, on="id", maintain_order="left").select(names).to_numpy()
+
+
+def _by_weight(belief: Posterior) -> list[int]:
+    """Feature indices, those first that the belief gives the largest weights."""
+    return [int(f) for f in np.argsort(-belief.marginal_theta @ np.abs(belief.thetas), kind="stable")]
+
+
+def _sequence(rows: pl.DataFrame, demonstration_ids: tuple[str, ...]) -> list[Posterior]:
+    """The belief before any demonstration and after each.
+
+    The prior over the hypotheses is uniform, so the posteriors of single demonstrations are their likelihoods up to a
+    constant, and multiply.
+    """
+    rows = rows.sort("theta_id", "beta")
+    one = rows.filter(demonstration_id=demonstration_ids[0])
+    betas = one["beta"].unique().sort().to_numpy()
+    thetas = one.unique("theta_id", maintain_order=True)["theta"].to_numpy()
+    single = np.stack(
+        [
+            rows.filter(demonstration_id=key)["log_posterior"].to_numpy().reshape(len(thetas), len(betas))
+            for key in demonstration_ids
+        ]
+    )
+    return [posterior_from(single[:count], thetas, betas) for count in range(len(single) + 1)]

@@ -1,0 +1,187 @@
+"""What the robustness study works on: demonstrations, and the sets of alternatives that they are judged against."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.choice import LESS, Boltzmann, angle_to, log_likelihood, select_bandwidth
+from pipeline.choice.logspace import log_sum_exp, peak
+from pipeline.errors import StageError
+
+Array = NDArray[np.float64]
+TASK = "task"  # the anchor of alternatives that all demonstrations share
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations:
+    """Who demonstrated what.
+
+    Attributes:
+        ids: n names.
+        participants: n names of people; one person may have several demonstrations.
+        features: (n, F) scaled.
+        truths: for each, the unit direction (F,) of what was wanted, on scaled features; None where nobody knows.
+    """
+
+    ids: tuple[str, ...]
+    participants: tuple[str, ...]
+    features: Array
+    truths: tuple[Array | None, ...]
+
+    def rows(self, anchor: str) -> list[int]:
+        """The demonstrations that are judged against alternatives with this anchor."""
+        return list(range(len(self.ids))) if anchor == TASK else [self.ids.index(anchor)]
+
+
+@dataclass(frozen=True, eq=False)
+class ChoiceSets:
+    """One sampling of alternatives: one set, or one set per anchor, all of one size.
+
+    Attributes:
+        set_size: N.
+        set_id: tells it from the other samplings of that size.
+        features: per anchor, (N, F) scaled.
+        log_proposals: per anchor, the log density (N,) with which the sampler drew each; empty if nobody knows.
+    """
+
+    set_size: int
+    set_id: str
+    features: Mapping[str, Array]
+    log_proposals: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Demonstrations, hypotheses, and for each regime the samplings whose posteriors are compared.
+
+    Attributes:
+        demonstrations: n of them.
+        regimes: per regime, its samplings.
+        thetas: (K, F) unit directions on scaled features.
+        betas: (B,).
+    """
+
+    demonstrations: Demonstrations
+    regimes: Mapping[str, tuple[ChoiceSets, ...]]
+    thetas: Array
+    betas: Array
+
+    @cached_property
+    def truth_angles(self) -> tuple[Array | None, ...]:
+        """For each demonstration, and for all together: the angle (K,) of every theta to the truth, None if not known.
+
+        All together: to the mean of the directions. An angle is in rad.
+        """
+        truths = self.demonstrations.truths
+        known = [truth for truth in truths if truth is not None]
+        mean = np.sum(known, axis=0) if known and len(known) == len(truths) else None
+        return tuple(
+            None if truth is None else np.array([angle_to(theta, truth) for theta in self.thetas])
+            for truth in (*truths, mean)
+        )
+
+    def by_size(self, regime: str) -> Iterator[tuple[int, tuple[ChoiceSets, ...]]]:
+        """The samplings of a regime, size by size."""
+        samplings = self.regimes[regime]
+        for size in sorted({sets.set_size for sets in samplings}):
+            yield size, tuple(sets for sets in samplings if sets.set_size == size)
+
+    def rescaled(self, ratio: Array) -> Problem:
+        """The same with every feature multiplied by `ratio` (F,); what was truly wanted turns accordingly."""
+        demonstrations = replace(
+            self.demonstrations,
+            features=self.demonstrations.features * ratio,
+            truths=tuple(None if truth is None else unit(truth / ratio) for truth in self.demonstrations.truths),
+        )
+        regimes = {
+            name: tuple(
+                replace(sets, features={anchor: phi * ratio for anchor, phi in sets.features.items()})
+                for sets in samplings
+            )
+            for name, samplings in self.regimes.items()
+        }
+        return replace(self, demonstrations=demonstrations, regimes=regimes)
+
+
+Bandwidths = Mapping[str, float]  # per anchor
+Score = Callable[[Array, ChoiceSets, str], Array]
+"""Demonstrations (m, F), a sampling and an anchor to log likelihoods (m, K, B)."""
+
+
+def unit(direction: Array) -> Array:
+    """A vector to length one."""
+    return np.asarray(direction / np.linalg.norm(direction))
+
+
+def select_bandwidths(samplings: Sequence[ChoiceSets], method: str | float) -> dict[ChoiceSets, Bandwidths]:
+    """The bandwidth of every set, selected by `method`, on all cores.
+
+    Raises:
+        BandwidthError: a set has fewer than two distinct rows.
+    """
+
+    def select(sets: ChoiceSets) -> Bandwidths:
+        return {anchor: select_bandwidth(phi, method).value for anchor, phi in sets.features.items()}
+
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(samplings, pool.map(select, samplings), strict=True))
+
+
+def boltzmann_score(problem: Problem) -> Score:
+    """Log likelihoods under Boltzmann."""
+
+    def score(demonstrations: Array, sets: ChoiceSets, anchor: str) -> Array:
+        return log_likelihood(Boltzmann(), demonstrations, sets.features[anchor], problem.thetas, problem.betas)
+
+    return score
+
+
+def less_score(problem: Problem, selected: Callable[[ChoiceSets], Bandwidths]) -> Score:
+    """Log likelihoods under LESS with the bandwidths that `selected` gives."""
+
+    def score(demonstrations: Array, sets: ChoiceSets, anchor: str) -> Array:
+        model = LESS(bandwidth=selected(sets)[anchor])
+        return log_likelihood(model, demonstrations, sets.features[anchor], problem.thetas, problem.betas)
+
+    return score
+
+
+def log_likelihoods(problem: Problem, samplings: tuple[ChoiceSets, ...], score: Score) -> Array:
+    """(R, n, K, B): each demonstration against the alternatives of each of R samplings.
+
+    Raises:
+        StageError: a demonstration has no alternatives that share its anchor.
+    """
+    people = problem.demonstrations
+    values = np.full((len(samplings), len(people.ids), len(problem.thetas), len(problem.betas)), np.nan)
+    for r, sets in enumerate(samplings):
+        for anchor in sets.features:
+            rows = people.rows(anchor)
+            values[r, rows] = score(people.features[rows], sets, anchor)
+    missing = np.isnan(values).any(axis=(0, 2, 3))
+    if missing.any():
+        raise StageError(
+            f"demonstration {people.ids[int(missing.argmax())]!r} has no alternatives with its anchor; run `dvc repro`"
+        )
+    return values
+
+
+def log_posteriors(likelihoods: Array) -> Array:
+    """(R, n, K, B) log likelihoods to (R, n + 1, K, B) joint log posteriors; the last is that of all together.
+
+    The prior over hypotheses is uniform, so each is its likelihood, normalised; demonstrations are independent.
+    """
+    relative = likelihoods - peak(likelihoods, axis=(2, 3))
+    joint = np.concatenate([relative, relative.sum(axis=1, keepdims=True)], axis=1)
+    return np.asarray(joint - log_sum_exp(joint, axis=(2, 3))[..., None, None])
+
+
+def theta_marginals(joint: Array) -> Array:
+    """(R, G, K, B) joint log posteriors to (R, G, K), beta summed out."""
+    return log_sum_exp(joint, axis=3)

@@ -1,0 +1,130 @@
+"""What figures show beyond what the tables hold: intervals, comparisons of models, hypotheses in words."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import polars as pl
+from scipy.special import betaincinv, ndtri
+
+from pipeline.choice import HeldOutScore, compare_held_out
+from pipeline.errors import ArgumentError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+LEVEL = 0.95
+
+
+def binomial_interval(count: int, n: int, level: float = LEVEL) -> tuple[float, float]:
+    """The exact interval of a share (Clopper and Pearson, 1934).
+
+    Its ends are the shares under which a count this large, or this small, has probability (1 - level) / 2.
+
+    >>> [round(end, 4) for end in binomial_interval(15, 37)]
+    [0.2475, 0.579]
+
+    Args:
+        count: successes, 0..n.
+        n: trials, at least 1.
+        level: of confidence, between 0 and 1.
+
+    Raises:
+        ArgumentError: an argument is out of range.
+    """
+    if n < 1 or not 0 <= count <= n:
+        raise ArgumentError(f"count is {count} of n = {n}; needed are n of at least 1 and a count from 0 to n.")
+    if not 0 < level < 1:
+        raise ArgumentError(f"level is {level}; it must lie between 0 and 1.")
+    tail = (1 - level) / 2
+    low = float(betaincinv(count, n - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, n - count, 1 - tail)) if count < n else 1.0
+    return low, high
+
+
+def with_share_intervals(predictions: pl.DataFrame) -> pl.DataFrame:
+    """The table `human_choice_predictions` with `n`, `low`, `high`: `binomial_interval` of the observed share at 95 %.
+
+    `n` are the choices that the share is of; where nobody chose a group, the shares within it have no interval.
+    """
+    among = pl.when(pl.col("comparison") == "within").then(pl.col("group"))
+    counted = predictions.with_columns(n=pl.col("count").sum().over("comparison", "model", among))
+    ends = [binomial_interval(count, n) if n else (None, None) for count, n in counted.select("count", "n").iter_rows()]
+    return counted.with_columns(
+        pl.Series("low", [low for low, _ in ends], dtype=pl.Float64),
+        pl.Series("high", [high for _, high in ends], dtype=pl.Float64),
+    )
+
+
+def with_mean_intervals(summary: pl.DataFrame) -> pl.DataFrame:
+    """The table `grid_world_summary` with `low`, `high`: mean TruePosterior -+ 1.96 standard errors (95 %)."""
+    reach = pl.col("standard_error") * float(ndtri((1 + LEVEL) / 2))
+    return summary.with_columns(low=pl.col("true_posterior") - reach, high=pl.col("true_posterior") + reach)
+
+
+def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:
+    """How well each model predicts one task's demonstrations, as the catalog's `model_comparison` has it.
+
+    Args:
+        held_out: rows of one set of the table `held_out`.
+
+    Returns:
+        per model: `model`, `demonstrations`, `mean` log predictive probability per demonstration (nats),
+        `standard_error`, and `difference` to Boltzmann, demonstration by demonstration, with
+        `difference_standard_error`; both null for Boltzmann itself and where Boltzmann was not inferred.
+    """
+    scores = {
+        str(model): HeldOutScore(rows.sort("demonstration_id")["log_predictive"].to_numpy())
+        for (model,), rows in held_out.group_by("model", maintain_order=True)
+    }
+    reference = scores.get("boltzmann")
+    rows = []
+    for model, score in scores.items():
+        over = None if reference is None or score is reference else compare_held_out(score, reference)
+        rows.append(
+            {
+                "model": model,
+                "demonstrations": len(score.log_predictive),
+                "mean": score.mean,
+                "standard_error": score.standard_error,
+                "difference": over.mean if over else None,
+                "difference_standard_error": over.standard_error if over else None,
+            }
+        )
+    return pl.DataFrame(rows, schema_overrides={"difference": pl.Float64, "difference_standard_error": pl.Float64})
+
+
+def differences(held_out: pl.DataFrame) -> pl.DataFrame:
+    """Per demonstration and model other than Boltzmann: `demonstration_id`, `model`, `difference` to Boltzmann (nats)."""
+    keys = ["demonstration_id", "set_size", "set_id"]
+    reference = held_out.filter(model="boltzmann").select(*keys, reference="log_predictive")
+    return (
+        held_out.filter(pl.col("model") != "boltzmann")
+        .join(reference, on=keys, maintain_order="left")
+        .select("demonstration_id", "model", difference=pl.col("log_predictive") - pl.col("reference"))
+    )
+
+
+def near_or_far(thetas: NDArray[np.float64], objects: tuple[str, str] = ("A", "B")) -> list[tuple[str, ...]]:
+    """What rewards of the grid world ask for: a weight on the mean distance to an object is a wish to stay far from it.
+
+    >>> import numpy as np
+    >>> near_or_far(np.array([[-1.0, 1.0], [0.0, -1.0]]))
+    [('near A', 'far from B'), ('near B',)]
+
+    Args:
+        thetas: (K, 2) weights of the mean distances.
+        objects: their names.
+
+    Returns:
+        Per theta the wishes, one for every weight that is not zero.
+    """
+    return [
+        tuple(
+            f"{'far from' if weight > 0 else 'near'} {name}"
+            for weight, name in zip(theta, objects, strict=True)
+            if weight
+        )
+        for theta in thetas
+    ]

@@ -1,0 +1,130 @@
+"""Figures and recording of a small project: drawn from its own tables, whole, the same again."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from pipeline.errors import TableError
+from pipeline.stages import (
+    density,
+    featurize,
+    figures,
+    grid_world,
+    human_choice,
+    infer,
+    ingest,
+    sample,
+    studies_inspect,
+)
+from pipeline.stages.project import STUDIES, Project, recorded_runs
+
+ROOT = Path(__file__).resolve().parents[2]
+Make = Callable[[dict[str, Any]], Project]
+STUDY_FIGURES = [
+    "grid_world_density",
+    "grid_world_overall",
+    "grid_world_sets",
+    "grid_world_true_posterior",
+    "human_choice",
+]
+TASK_FIGURES = ["densities", "density_map", "held_out", "posterior"]
+
+
+@pytest.fixture
+def studied(make_project: Make, parameters: dict[str, Any]) -> Project:
+    """The small project with its studies done, the human choice study on choices of its own."""
+    project = make_project(parameters)
+    rows = [("control", "here", "here")] * 3 + [("control", "there", "there")] * 5
+    rows += [("experimental", "near", "here")] * 4 + [("experimental", "far", "there")] * 3
+    rows += [("experimental", "farther", "there")] * 2
+    lines = [f"{number},{trial},{choice},{group}" for number, (trial, choice, group) in enumerate(rows)]
+    (project.root / "choices.csv").write_text("\n".join(["participant,trial,choice,group", *lines]))
+    human_choice.run(project)
+    grid_world.run(project)
+    return project
+
+
+def written(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in sorted(folder.iterdir())}
+
+
+def test_the_studies_figures_are_whole_and_the_same_again(studied: Project) -> None:
+    folder = studied.datasets / STUDIES / "figures"
+    folder.mkdir()
+    (folder / "of_an_older_version.svg").write_text("gone")
+    figures.run_studies(studied)
+    first = written(folder)
+    assert list(first) == [f"{name}.{kind}" for name in STUDY_FIGURES for kind in ("png", "svg")]
+    figures.run_studies(studied)
+    assert written(folder) == first
+    assert sorted(path.name for path in folder.parent.iterdir() if not path.suffix) == ["figures"]
+    assert recorded_runs(studied)[-1]["produced"] == "5 figures"
+
+
+def test_a_task_has_its_figures(make_project: Make, parameters: dict[str, Any]) -> None:
+    parameters["sample"] |= {"sampler": "deformation", "sets": 1, "sizes": [5]}
+    parameters["infer"]["models"] = ["boltzmann", "less", "attribute-rule"]
+    project = make_project(parameters)
+    for stage in (ingest, sample, featurize, density, infer, figures):
+        stage.run(project, "sweep")
+    folder = project.datasets / "sweep" / "figures"
+    first = written(folder)
+    assert list(first) == [f"{name}.{kind}" for name in TASK_FIGURES for kind in ("png", "svg")]
+    figures.run(project, "sweep")
+    assert written(folder) == first
+
+
+def test_one_demonstration_has_no_held_out_figure(make_project: Make, parameters: dict[str, Any]) -> None:
+    parameters["sample"] |= {"sampler": "deformation", "sets": 1, "sizes": [5]}
+    project = make_project(parameters)
+    for number in (1, 2):
+        (project.root / "mine" / f"demo-{number}.mcap").unlink()
+    for stage in (ingest, sample, featurize, density, infer, figures):
+        stage.run(project, "sweep")
+    assert not (project.datasets / "sweep" / "figures" / "held_out.svg").exists()
+
+
+def test_without_its_tables_nothing_is_drawn(make_project: Make, parameters: dict[str, Any]) -> None:
+    project = make_project(parameters)
+    with pytest.raises(TableError, match=r"grid_world_summary\.parquet"):
+        figures.run_studies(project)
+    assert not (project.datasets / STUDIES / "figures").exists()
+
+
+def test_the_studies_recording(studied: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RERUN_STRICT", "1")
+    studies_inspect.run(studied)
+    path = studied.datasets / STUDIES / "inspect.rrd"
+    entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
+    people = ("less", "boltzmann", "less-hidden", "less-hidden-own-bandwidth")
+    expected = {"/human_choice/less/bars", "/human_choice/boltzmann/observed", "/map/density", "/summary"}
+    expected |= {f"/true_posterior/{name}/path-size/bars" for name in people}
+    expected |= {f"/sets/{name}/grid/demonstrations" for name in ("Xi_L", "Xi_B")}
+    expected |= {f"/sets/{name}/posterior/boltzmann/bars" for name in ("Xi_L", "Xi_B")}
+    assert expected <= {entity.replace("\\", "") for entity in entities}, entities
+    if not any(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json")):
+        pytest.skip("no software Vulkan here (apt-get install mesa-vulkan-drivers), so no picture without a screen")
+    spec = importlib.util.spec_from_file_location("take_pictures", ROOT / "docs" / "take_pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    pictures = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pictures)
+    with pictures.headless_viewer(path) as viewer:
+        state = viewer.get_state()
+        # those behind a tab are not shown
+        assert len(state.views) >= 8
+        assert [view.reports for view in state.views if view.reports] == []
+
+
+@pytest.fixture(autouse=True)
+def _as_before() -> Any:
+    strict = rr.strict_mode()
+    yield
+    rr.set_strict_mode(strict)
