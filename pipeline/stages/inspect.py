@@ -15,7 +15,8 @@ from pipeline.replay.scene import Scene
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stages.task_view import TaskView, task_view
-from pipeline.stores.viewer import Inspection, Replay, write_inspection
+from pipeline.stores.viewer import write_inspection
+from pipeline.stores.viewer_data import Inspection, Replay
 from pipeline.studies.inspection import replay_samples
 
 Floats = NDArray[np.float64]

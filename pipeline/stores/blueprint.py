@@ -8,14 +8,14 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from pipeline.stores import palette, viewer_posteriors
-from pipeline.stores.viewer import TIMELINE
 from pipeline.stores.viewer_charts import curve_bounds, curve_entity, map_bounds
+from pipeline.stores.viewer_data import TIMELINE
 from pipeline.stores.viewer_text import drawable
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pipeline.stores.viewer import Inspection
+    from pipeline.stores.viewer_data import Inspection
 
     Floats = NDArray[np.float64]
 

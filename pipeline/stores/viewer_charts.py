@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from pipeline.stores.viewer import Inspection
+    from pipeline.stores.viewer_data import Inspection
     from pipeline.studies.inspection import DensityCurve, DensityMap
 
     Floats = NDArray[np.float64]

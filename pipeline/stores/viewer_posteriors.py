@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.stores.viewer import TIMELINE
 from pipeline.stores.viewer_bars import BarChart, full_scale, log_bars, log_frame, log_lines
+from pipeline.stores.viewer_data import TIMELINE
 
 if TYPE_CHECKING:
     import rerun as rr
     from numpy.typing import NDArray
 
-    from pipeline.stores.viewer import Inspection
+    from pipeline.stores.viewer_data import Inspection
 
     Floats = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ import numpy as np
 import rerun as rr
 
 from pipeline.stores import palette
-from pipeline.stores.viewer import TIMELINE
+from pipeline.stores.viewer_data import TIMELINE
 from pipeline.stores.viewer_text import drawable, part
 
 if TYPE_CHECKING:
     from pipeline.replay.geometry import Shape
-    from pipeline.stores.viewer import Inspection, Replay
+    from pipeline.stores.viewer_data import Inspection, Replay
 
 _ENDLESS_M = 2.0
 _PLANE_HALF_THICKNESS_M = 0.0005

@@ -54,7 +54,11 @@ def test_bits_do_not_depend_on_threads_or_chunks(gantry):
 
 def test_chunks_come_in_order_and_stay_valid(gantry, waypoints):
     motions = list(replay(gantry, waypoints, chunk=10))
-    assert [(motion.first, len(motion.waypoints)) for motion in motions] == [(0, 8), (8, 8), (16, 7)]  # at most 10, evenly
+    assert [(motion.first, len(motion.waypoints)) for motion in motions] == [
+        (0, 8),
+        (8, 8),
+        (16, 7),
+    ]  # at most 10, evenly
     assert (np.concatenate([m.waypoints for m in motions]) == waypoints).all()
     expected = one_by_one(gantry, waypoints, "body", "hook")
     assert np.abs(np.concatenate([m.end_effector for m in motions]) - expected).max() < 1e-14

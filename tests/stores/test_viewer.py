@@ -17,16 +17,9 @@ from pipeline.errors import ArgumentError, StageError
 from pipeline.replay import load_scene
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.stores import palette
-from pipeline.stores.viewer import (
-    TIMELINE,
-    Inspection,
-    Replay,
-    open_viewer,
-    quiet_environment,
-    viewer_command,
-    write_inspection,
-)
+from pipeline.stores.viewer import open_viewer, quiet_environment, viewer_command, write_inspection
 from pipeline.stores.viewer_charts import ticks
+from pipeline.stores.viewer_data import TIMELINE, Inspection, Replay
 from pipeline.stores.viewer_posteriors import page
 from pipeline.stores.viewer_text import drawable
 from pipeline.studies.inspection import density_curve, density_map, replay_samples, theta_labels, theta_meaning

@@ -1,23 +1,17 @@
-"""params.yaml as frozen, validated objects: every field checked, unknown keys refused, nothing guessed."""
+"""The sections of params.yaml: what each field may be."""
 
 from __future__ import annotations
 
-import difflib
-import hashlib
-import json
-import re
 from collections.abc import Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from pipeline.errors import ParameterError, one_of
 from schemas import schema
 
 FILE = "params.yaml"
-_KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -289,98 +283,3 @@ class Params(_Section):
         if name not in self.tasks:
             raise ParameterError(f"there is no task {name!r} in {FILE}; there are {one_of(self.tasks)}")
         return self.tasks[name]
-
-
-def load(path: Path, overlay: Path | None = None) -> Params:
-    """Read and check the parameters in the YAML file `path` (plain data only: no tags, no objects).
-
-    Args:
-        path: params.yaml.
-        overlay: a YAML file that says only what is different: sections are merged, anything else is replaced.
-
-    Raises:
-        ParameterError: a file is missing, is not YAML, or a field is unknown, missing or out of range.
-    """
-    document = _read_yaml(path)
-    if overlay is None:
-        return parse(document, str(path))
-    changes = _read_yaml(overlay)
-    if not isinstance(document, dict) or not isinstance(changes, dict):
-        raise ParameterError(
-            f"{overlay}: holds no parameters; needed are sections of {path.name} with what is different"
-        )
-    return parse(_merged(document, changes), f"{path} with {overlay}")
-
-
-def parse(document: object, source: str = FILE) -> Params:
-    """Check parameters that are already plain data; `source` is named in messages."""
-    if not isinstance(document, dict):
-        raise ParameterError(f"{source}: holds no parameters; needed are the sections {one_of(Params.model_fields)}")
-    try:
-        return Params.model_validate(document)
-    except ValidationError as error:
-        raise ParameterError(f"{source}: {_sentence(error)}") from None
-
-
-def fingerprint(*parts: BaseModel | object) -> str:
-    """SHA-256 over the parameters a result depends on, as canonical JSON."""
-    plain = [part.model_dump(mode="json") if isinstance(part, BaseModel) else part for part in parts]
-    return hashlib.sha256(json.dumps(plain, sort_keys=True, default=dict).encode()).hexdigest()
-
-
-def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """`base` with `changes`; where both have a section, merged likewise."""
-    both = dict(base)
-    for key, value in changes.items():
-        here = base.get(key)
-        both[key] = _merged(here, value) if isinstance(here, dict) and isinstance(value, dict) else value
-    return both
-
-
-def _read_yaml(path: Path) -> object:
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    try:
-        return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ParameterError(f"{path}: there is no such file; run this in a folder that has a {FILE}") from None
-    except (YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError(f"{path}: is not readable YAML ({' '.join(str(error).split())})") from None
-
-
-def _sentence(error: ValidationError) -> str:
-    # a misspelt key comes as one that is unknown and one that is missing: the first says more
-    errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
-    first = errors[0]
-    location = _location(first["loc"])
-    place = ".".join(str(part) for part in location)
-    if first["type"] == "extra_forbidden":
-        return f"there is no parameter {place!r}; {_nearest(location)}"
-    if first["type"] == "missing":
-        return f"the parameter {place!r} is missing"
-    message = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "too_short":
-        return f"{place} is empty; list at least {first['ctx']['min_length']}"
-    if not place or first["type"] == "value_error":
-        return f"{place}: {message}" if place else message
-    # each branch of a union reports by itself
-    branches = [e["msg"].removeprefix("Input should be ") for e in errors if _location(e["loc"]) == location]
-    return f"{place} is {first['input']!r}; it should be {', or '.join(dict.fromkeys(branches))}"
-
-
-def _location(loc: tuple[int | str, ...]) -> list[int | str]:
-    # pydantic names the branch of a union in the location; a reader of params.yaml knows only keys and indices
-    names = {"float", "int", "str", "bool", "constrained-float", "constrained-int", "constrained-str"}
-    return [part for part in loc if isinstance(part, int) or (_KEY.fullmatch(part) and part not in names)]
-
-
-def _nearest(location: list[Any]) -> str:
-    model: Any = Params
-    for part in location[:-1]:
-        field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
-        if field is not None:
-            model = {"tasks": Task, "samplers": ShiftedSampler}.get(part, field.annotation)
-    names = list(model.model_fields)
-    close = difflib.get_close_matches(str(location[-1]), names, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"allowed are {one_of(names)}"
