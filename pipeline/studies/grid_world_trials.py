@@ -23,12 +23,12 @@ from pipeline.choice import (
     PathSize,
     log_density,
     log_likelihood,
+    select_bandwidth,
     true_match,
     true_posterior,
 )
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import ArgumentError
-from pipeline.studies.kernel_bandwidth import leave_one_out_bandwidth
 from pipeline.trajectories.gridworld import Cells, link_incidence, mean_distances, mean_positions, shortest_paths
 
 Array = NDArray[np.float64]
@@ -112,8 +112,8 @@ def build_world(settings: GridWorldSettings) -> GridWorld:
     features = _scaled(mean_distances(paths, settings.objects), ("first", "second"))
     # mean y is size - 1 - mean x here, so the hidden direction counts twice, as two features that agree do
     seen = np.column_stack([features, _scaled(mean_positions(paths), ("mean_x", "mean_y"))])
-    sigma = settings.bandwidth or leave_one_out_bandwidth(features)
-    own_sigma = settings.bandwidth or leave_one_out_bandwidth(seen)
+    sigma = settings.bandwidth or select_bandwidth(features).value
+    own_sigma = settings.bandwidth or select_bandwidth(seen).value
     bandwidths = dict(zip(("less", *HIDDEN_MODELS), (sigma, sigma, own_sigma), strict=True))
     models: dict[str, tuple[Model, Any]] = {
         "boltzmann": (Boltzmann(), None),
