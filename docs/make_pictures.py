@@ -19,6 +19,10 @@ PICTURES = {
     "grid_world_sets.png": "studies/figures/grid_world_sets.png",
     "grid_world_density.png": "studies/figures/grid_world_density.png",
     "table_held_out.png": "table/figures/held_out.png",
+} | {
+    f"{task}_{name}.png": f"{task}/figures/{name}.png"
+    for task in ("table", "laptop", "human")
+    for name in ("robustness", "two_posteriors", "accuracy", "importance", "duplicates", "sensitivity")
 }
 
 
