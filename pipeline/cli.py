@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextvars import ContextVar
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -146,15 +147,40 @@ def catalog() -> None:
     run(_project())
 
 
+class Format(StrEnum):
+    """How an answer is given."""
+
+    table = "table"
+    csv = "csv"
+    json = "json"
+    parquet = "parquet"
+
+
 @app.command(rich_help_panel=LOOK)
-def sql(question: Annotated[str, typer.Argument(metavar="QUESTION", help="One SQL query (DuckDB's dialect).")]) -> None:
-    """Ask the catalog a question; it is opened read-only.
+def sql(
+    question: Annotated[
+        str | None,
+        typer.Argument(metavar="QUESTION", help="One SQL query (DuckDB's dialect); without it: what there is."),
+    ] = None,
+    form: Annotated[
+        Format, typer.Option("--format", help="How the answer is given; all but table go to other programs.")
+    ] = (Format.table),
+) -> None:
+    """Ask the catalog a question; it is opened read-only, from any folder of the project.
 
-    Example: `lessbench sql "from best_hypothesis where demonstration_id = 'all' and set_id = 'working'"`
+    Example: `lessbench sql "from best_hypothesis where participant = 'all' and set_id = 'working'"`
     """
-    from pipeline.stores.catalog import ask
+    from pipeline.stores.catalog import CONTENTS, EXAMPLES, ask
 
-    _print_table(ask(_project().catalog, question))
+    answer = ask(_project().catalog, question or CONTENTS)
+    if form is Format.table:
+        _print_table(answer)
+    elif form is Format.parquet:
+        answer.write_parquet(sys.stdout.buffer)
+    else:
+        print(_as_text(answer, form), end="")  # noqa: T201
+    if question is None and form is Format.table:
+        print("Questions to begin with:\n" + "\n".join(f"  {example}" for example in EXAMPLES))  # noqa: T201
 
 
 @app.command(rich_help_panel=LOOK)
@@ -268,6 +294,21 @@ def _print_table(table: pl.DataFrame) -> None:
     console = Console(width=None if sys.stdout.isatty() else 200)
     console.print(shown)
     console.print(f"{table.height} row{'s' if table.height != 1 else ''}")
+
+
+def _as_text(answer: pl.DataFrame, form: Format) -> str:
+    import json
+
+    import polars as pl
+
+    if form is Format.json:
+        return json.dumps(answer.to_dicts(), indent=1, default=str) + "\n"
+    # CSV has no lists: they are written as JSON
+    nested = [name for name, type_ in answer.schema.items() if type_.is_nested()]
+    return answer.with_columns(
+        pl.Series(name, [None if value is None else json.dumps(value) for value in answer[name].to_list()], pl.String)
+        for name in nested
+    ).write_csv()
 
 
 def _cell(value: object) -> str:

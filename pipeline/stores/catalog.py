@@ -27,6 +27,14 @@ LOCKED: dict[str, str | int | float | list[str]] = {
 }
 
 # Name -> the table it is made from, what it says, and how.
+CONTENTS = """select table_name as name, 'table' as kind, comment as "what it holds" from duckdb_tables()
+    union all select view_name, 'view', comment from duckdb_views() where not internal order by kind, name"""
+EXAMPLES = (
+    "from best_hypothesis where participant = 'all' and set_id = 'working'",
+    "from model_comparison",
+    "select column_name, data_type, comment from duckdb_columns() where table_name = 'posteriors'",
+)
+
 VIEWS = {
     "best_hypothesis": (
         "posteriors",

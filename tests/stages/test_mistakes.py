@@ -191,3 +191,22 @@ def test_a_new_task_for_somebody_elses_arm(make_project: Make, parameters: dict[
     again = run(project, "new-task", "wave", "--scene", "gantry.xml", "--recordings", "mine")
     assert again.returncode == 1
     assert "task 'wave' already" in again.stderr
+
+
+def test_answers_for_other_programs(make_project: Make, parameters: dict[str, Any]) -> None:
+    import json
+
+    from pipeline.stages import catalog, ingest
+
+    project = make_project(parameters)
+    ingest.run(project, "sweep")
+    catalog.run(project)
+    question = "select demonstration_id, [1, 2] as pair, null as nothing from demonstrations order by all limit 1"
+    row = {"demonstration_id": "demo-0", "pair": [1, 2], "nothing": None}
+    assert json.loads(run(project, "sql", question, "--format", "json").stdout) == [row]
+    assert run(project, "sql", question, "--format", "csv").stdout == (
+        'demonstration_id,pair,nothing\ndemo-0,"[1, 2]",\n'
+    )
+    listed = run(project, "sql").stdout
+    assert "demonstrations" in listed
+    assert "Questions to begin with" in listed

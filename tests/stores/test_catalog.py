@@ -8,7 +8,7 @@ import polars as pl
 import pytest
 
 from pipeline.errors import QueryError
-from pipeline.stores.catalog import ask, build_catalog
+from pipeline.stores.catalog import CONTENTS, EXAMPLES, ask, build_catalog
 from pipeline.stores.tables import write_table
 
 
@@ -91,3 +91,11 @@ def test_no_catalog_is_said_with_its_remedy(tmp_path: Path) -> None:
 
 def test_columns_of_one_name_are_told_apart(catalog: Path) -> None:
     assert ask(catalog, "select 1 as a, 2 as a, 3 as a_2, 4 as a").columns == ["a", "a_2", "a_2_2", "a_3"]
+
+
+def test_the_contents_and_the_examples_can_be_asked(catalog: Path) -> None:
+    contents = ask(catalog, CONTENTS)
+    assert set(contents["name"]) == {"posteriors", "best_hypothesis", "theta_marginals"}
+    assert contents["what it holds"].null_count() == 0
+    assert ask(catalog, EXAMPLES[0]).is_empty()
+    assert ask(catalog, EXAMPLES[2])["column_name"].to_list()[0] == "task"
