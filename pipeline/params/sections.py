@@ -226,6 +226,7 @@ class HumanChoice(_Section):
     """See `pipeline.studies.human_choice`."""
 
     choices: str
+    options: Annotated[dict[str, tuple[str, ...]], AfterValidator(_frozen)] | None
     alpha: Annotated[float, Field(gt=0, lt=0.5)]
     compare_with_paper: bool
 

@@ -26,6 +26,7 @@ from pipeline.stores.tables import read_table
 from pipeline.stores.task_figures import densities_figure, map_figure, posterior_figure
 from pipeline.stores.whole import folder_written_whole
 from pipeline.studies.figure_tables import compare_models, differences, with_mean_intervals, with_share_intervals
+from pipeline.studies.robustness import COMPARED
 from pipeline.studies.robustness_views import accuracy, entropies, example, middle_size
 
 FOLDER = "figures"
@@ -91,7 +92,8 @@ def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], mea
         ),
     }
     if "known-density" in summary["regime"]:
-        figures["importance"] = importance_figure(summary, truth, sets)
+        alike = pl.col("model").is_in(COMPARED)
+        figures["importance"] = importance_figure(summary.filter(alike), truth.filter(alike), sets)
     if truth.height:
         figures["accuracy"] = accuracy_figure(truth, len(labels))
     return figures

@@ -22,7 +22,7 @@ def run(project: Project) -> None:
     settings = project.params.studies.human_choice
     with recorded_run(project, "human-choice", STUDIES) as record:
         source = project.path(settings.choices)
-        study = analyse_choices(_choices(source), alpha=settings.alpha)
+        study = analyse_choices(_choices(source), settings.options, settings.alpha)
         provenance = project.provenance([settings], [source])
         tables = {"control": study.control, "predictions": study.predictions, "tests": study.tests}
         paper = compare_with_paper(study) if settings.compare_with_paper else pl.DataFrame(schema=PAPER)

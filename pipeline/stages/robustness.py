@@ -21,7 +21,7 @@ from pipeline.stores.tables import read_table, write_table
 from pipeline.studies.choice_sets import ChoiceSets, Demonstrations, Problem
 from pipeline.studies.duplicates import Duplication, inject_duplicates
 from pipeline.studies.posterior_spread import true_direction
-from pipeline.studies.robustness import INDEPENDENT, KNOWN_DENSITY, SHIFT, RobustnessResult, compare_samplings
+from pipeline.studies.robustness import COMPARED, INDEPENDENT, KNOWN_DENSITY, SHIFT, RobustnessResult, compare_samplings
 from pipeline.studies.robustness_statistics import ANOVA, POST_HOC, analyse_regime, summarise
 from pipeline.studies.sensitivity import vary_choices
 from pipeline.trajectories.streams import child_rng
@@ -102,7 +102,7 @@ def _tables(
 
 def _statistics(result: RobustnessResult, record: Run) -> dict[str, pl.DataFrame]:
     found = [
-        analyse_regime(result.robustness, regime)
+        analyse_regime(result.robustness.filter(pl.col("model").is_in(COMPARED)), regime)
         for regime in (INDEPENDENT, SHIFT, KNOWN_DENSITY)
         if regime in result.robustness["regime"]
     ]

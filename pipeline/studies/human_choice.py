@@ -62,6 +62,8 @@ def analyse_choices(
     control = choices.filter(pl.col("trial") == "control")
     experimental = choices.filter(pl.col("trial") == "experimental")
     shares = _control_shares(control)
+    if experimental.height == 0:
+        raise TableError("choices has no row of the experimental trial; there is nothing to compare.")
     offered = _offered(experimental, list(shares["group"]), options)
     counts = _counts(offered, experimental)
     predictions = pl.concat([_predictions(offered, counts, shares, model) for model in _MODELS])
@@ -80,6 +82,14 @@ def compare_with_paper(study: HumanChoiceStudy) -> pl.DataFrame:
         `quantity`, `comparison`, `model` (null for observations), `printed`, `value`, `agrees` (ours rounds to the
         printed figure) and `note`.
     """
+    counts = [
+        study.control["count"].to_list(),
+        study.predictions.filter(_rows_of("options"), model="less")["count"].to_list(),
+    ]
+    if counts != [[19, 21], [15, 5, 12, 5]] or study.control["group"].to_list() != ["left", "right"]:
+        raise TableError(
+            "studies.human_choice.compare_with_paper is true, but these are not the paper's choices; set it to false"
+        )
     observed = {row["group"]: row["observed"] for row in study.predictions.filter(_rows_of("groups")).to_dicts()}
     control = {row["group"]: row["share"] for row in study.control.to_dicts()}
     rows: list[tuple[str, str, str | None, str, float, str]] = [
@@ -178,13 +188,11 @@ def _offered(
     if missing:
         raise TableError(
             f"the group {missing[0]!r} has no option in the experimental trial; if it was offered and nobody chose it, name "
-            "it in `options`."
+            "it in `options` (studies.human_choice.options in params.yaml)."
         )
     extra = [group for group in offered["group"].to_list() if group not in groups]
     if extra:
         raise TableError(f"nobody chose the group {extra[0]!r} in the control trial, so its reward is unknown.")
-    if experimental.height == 0:
-        raise TableError("choices has no row of the experimental trial; there is nothing to compare.")
     return offered
 
 

@@ -9,28 +9,35 @@ from pipeline.studies.choice_sets import Array, ChoiceSets, Problem, Score
 
 
 def weighted_log_likelihood(
-    demonstrations: Array, alternatives: Array, log_proposal: Array, thetas: Array, betas: Array
+    demonstrations: Array, alternatives: Array, log_weights: Array, thetas: Array, betas: Array, *, joined: bool
 ) -> Array:
-    """Log likelihood of demonstrations under Boltzmann over *all* trajectories, from a weighted sample of them.
+    """Log likelihood of demonstrations under Boltzmann whose alternatives have weights of their own.
 
-    log p(d | theta, beta) = beta theta . phi_d - log [ 1/N sum_j exp(beta theta . phi_j) / q_j ], an importance
-    estimate of the integral over trajectories. The demonstration has no density under the sampler, so it is not one
-    of the draws and, unlike in a finite choice set, has no part in the sum. Defined up to a constant.
+    log p(d | theta, beta) = beta theta . phi_d - log sum_j w_j exp(beta theta . phi_j), up to a constant.
+
+    With w_j = 1 / q_j the sum is an importance estimate of the integral over *all* trajectories. Apart from the sample,
+    a demonstration is no draw and has no part in the sum; nothing then keeps its probability below one, and a
+    demonstration better than all that was drawn speaks for the theta that says so without bound. Joined, as in every
+    choice set of the other models, it is one more alternative; its density under the sampler is not known, so it gets
+    the mean weight of the sample.
 
     Args:
         demonstrations: (n, F) scaled features.
         alternatives: (N, F) scaled features of what was drawn.
-        log_proposal: (N,) log q_j, up to a constant.
+        log_weights: (N,) log w_j, up to a constant; -log q_j for importance weights.
         thetas: (K, F).
         betas: (B,).
+        joined: whether each demonstration joins the sum.
 
     Returns:
         (n, K, B).
     """
-    log_w = -log_proposal - np.log(len(alternatives))
-    rewards = np.einsum("kf,nf->kn", thetas, alternatives)
-    log_integral = log_sum_exp(rewards[:, None] * betas[:, None] + log_w, axis=2)
-    return np.asarray(np.einsum("kf,nf->nk", thetas, demonstrations)[..., None] * betas - log_integral)
+    sums = log_sum_exp((np.einsum("kf,nf->kn", thetas, alternatives)[:, None] * betas[:, None]) + log_weights, axis=2)
+    rewards = np.einsum("kf,nf->nk", thetas, demonstrations)[..., None] * betas
+    if not joined:
+        return np.asarray(rewards - sums)
+    own = rewards + log_sum_exp(log_weights) - np.log(len(alternatives))
+    return np.asarray(own - np.logaddexp(sums, own))
 
 
 def effective_sample_size(log_weights: Array) -> float:
@@ -38,12 +45,20 @@ def effective_sample_size(log_weights: Array) -> float:
     return float(np.exp(2 * log_sum_exp(log_weights) - log_sum_exp(2 * log_weights)))
 
 
-def weighted_score(problem: Problem) -> Score:
-    """Log likelihoods under importance-weighted Boltzmann, of samplings whose density is known."""
+def weighted_score(problem: Problem, *, weighted: bool, joined: bool) -> Score:
+    """Log likelihoods under Boltzmann, of samplings whose density is known.
+
+    Args:
+        problem: the hypotheses.
+        weighted: by one over the density, or all alike.
+        joined: see `weighted_log_likelihood`.
+    """
 
     def score(demonstrations: Array, sets: ChoiceSets, anchor: str) -> Array:
+        log_proposal = sets.log_proposals[anchor]
+        log_weights = -log_proposal if weighted else np.zeros(len(log_proposal))
         return weighted_log_likelihood(
-            demonstrations, sets.features[anchor], sets.log_proposals[anchor], problem.thetas, problem.betas
+            demonstrations, sets.features[anchor], log_weights, problem.thetas, problem.betas, joined=joined
         )
 
     return score

@@ -31,6 +31,8 @@ from pipeline.studies.posterior_spread import ALL, measures
 
 INDEPENDENT, SHIFT, KNOWN_DENSITY = "independent", "sampler-shift", "known-density"
 BOLTZMANN, LESS_MODEL, WEIGHTED = "boltzmann", "less", "boltzmann-weighted"
+APART, WEIGHTED_APART = "boltzmann-apart", "boltzmann-weighted-apart"
+COMPARED = (BOLTZMANN, LESS_MODEL, WEIGHTED)  # models of one and the same choice set: joined by the demonstration
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +86,15 @@ def compare_samplings(problem: Problem, bandwidth: str | float) -> RobustnessRes
                 for model in scores:
                     part = theta_marginals(log_posteriors(likelihoods[regime, size, model][known]))
                     rows.append(_measured(problem, part, KNOWN_DENSITY, size, model))
-                weighted = log_likelihoods(problem, subset, weighted_score(problem))
-                marginals = theta_marginals(log_posteriors(weighted))
-                rows.append(_measured(problem, marginals, KNOWN_DENSITY, size, WEIGHTED))
-                posteriors.append(_posterior_rows(problem, marginals, subset, KNOWN_DENSITY, size, WEIGHTED))
+                corrections = {
+                    WEIGHTED: weighted_score(problem, weighted=True, joined=True),
+                    WEIGHTED_APART: weighted_score(problem, weighted=True, joined=False),
+                    APART: weighted_score(problem, weighted=False, joined=False),
+                }
+                for model, score in corrections.items():
+                    marginals = theta_marginals(log_posteriors(log_likelihoods(problem, subset, score)))
+                    rows.append(_measured(problem, marginals, KNOWN_DENSITY, size, model))
+                    posteriors.append(_posterior_rows(problem, marginals, subset, KNOWN_DENSITY, size, model))
     return RobustnessResult(pl.concat(rows), pl.concat(posteriors), _set_rows(problem, selected), likelihoods, selected)
 
 

@@ -67,7 +67,7 @@ PARAMETERS: dict[str, Any] = {
     "features": {"scale": "range"},
     "density": {"bandwidth": "leave-one-out"},
     "studies": {
-        "human_choice": {"choices": "choices.csv", "alpha": 0.05, "compare_with_paper": False},
+        "human_choice": {"choices": "choices.csv", "options": None, "alpha": 0.05, "compare_with_paper": False},
         "grid_world": {
             "size": 4, "objects": [[0, 3], [3, 0]], "beta": 5.0, "demonstrations": 3, "seeds": 4,
         },

@@ -175,3 +175,14 @@ def test_refusals_with_options() -> None:
         analyse_choices(only_control, options={"A": ["a"], "B": ["b"], "C": ["c"]})
     with pytest.raises(ArgumentError, match="alpha is 0"):
         analyse_choices(table, alpha=0.0)
+
+
+def test_somebody_elses_choices_are_not_compared_with_the_paper() -> None:
+    rows = [("control", "a", "A"), ("control", "b", "B"), ("experimental", "a", "A"), ("experimental", "b", "B")]
+    table = pl.DataFrame(
+        [(i, *row) for i, row in enumerate(rows)], schema=["participant", "trial", "choice", "group"], orient="row"
+    )
+    with pytest.raises(TableError, match="not the paper's choices; set it to false"):
+        compare_with_paper(analyse_choices(table))
+    with pytest.raises(TableError, match="no row of the experimental trial"):
+        analyse_choices(table.head(2))

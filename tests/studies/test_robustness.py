@@ -9,7 +9,7 @@ from scipy.stats import binom
 from slow_robustness import kl_aggregate as slow_kl_aggregate
 from slow_robustness import marginals as slow_marginals
 
-from pipeline.choice import angle_to, kl_aggregate, posterior_from, theta_grid
+from pipeline.choice import Boltzmann, angle_to, kl_aggregate, log_likelihood, posterior_from, theta_grid
 from pipeline.errors import StageError
 from pipeline.studies.choice_sets import ChoiceSets, Demonstrations, Problem, log_posteriors, theta_marginals, unit
 from pipeline.studies.duplicates import Duplication, inject_duplicates
@@ -72,7 +72,9 @@ def test_the_table_against_loops(problem: Problem, model: str) -> None:
 def test_only_sets_of_known_density_are_weighted(problem: Problem) -> None:
     result = compare_samplings(problem, SIGMA)
     known = result.robustness.filter(regime=KNOWN_DENSITY)
-    assert set(known["model"]) == {"boltzmann", "less", "boltzmann-weighted"}
+    assert set(known["model"]) == {
+        "boltzmann", "less", "boltzmann-weighted", "boltzmann-weighted-apart", "boltzmann-apart"
+    }  # fmt: skip
     assert known["sets"].unique().to_list() == [2]
     assert known["kl_low"].null_count() == known.height  # two sets leave nothing to leave out
     weighted = result.posteriors.filter(model="boltzmann-weighted")
@@ -125,8 +127,23 @@ def test_importance_weights_recover_the_integral() -> None:
     for a, b in ((1.0, 1.0), (2.0, 1.0), (1.0, 1.6)):
         x = rng.beta(a, b, 200_000)
         log_q = np.log(a if b == 1 else b) + (a - 1) * np.log(x) + (b - 1) * np.log1p(-x)
-        found = weighted_log_likelihood(np.array([[0.3]]), x[:, None], log_q, thetas, betas)
+        found = weighted_log_likelihood(
+            np.array([[0.3]]), x[:, None], -log_q - np.log(len(x)), thetas, betas, joined=False
+        )
         np.testing.assert_allclose(found[0], exact, atol=0.02)  # about 5 standard errors
+
+
+def test_equal_weights_in_a_joined_set_are_boltzmann() -> None:
+    rng = np.random.default_rng(6)
+    alternatives, demonstrations = rng.normal(size=(30, 2)), rng.normal(size=(4, 2))
+    found = weighted_log_likelihood(demonstrations, alternatives, np.full(30, -7.0), THETAS[:, :2], BETAS, joined=True)
+    expected = log_likelihood(Boltzmann(), demonstrations, alternatives, THETAS[:, :2], BETAS)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    # a better demonstration than all that was drawn: apart from them its likelihood has no bound
+    better = np.array([[-50.0, -50.0]])
+    apart = weighted_log_likelihood(better, alternatives, np.zeros(30), THETAS[:, :2], BETAS, joined=False)
+    assert apart.max() > 10
+    assert weighted_log_likelihood(better, alternatives, np.zeros(30), THETAS[:, :2], BETAS, joined=True).max() <= 0
 
 
 def test_effective_sample_size() -> None:
