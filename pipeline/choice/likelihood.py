@@ -19,6 +19,7 @@ from pipeline.errors import ArgumentError
 
 # Joined weights of a group of demonstrations: 256 MB.
 _GROUP = 32_000_000
+_LARGEST_CHANGE = 300.0  # of a log weight by a joining trajectory; that of LESS is at most log 2
 
 
 def log_probabilities(
@@ -184,7 +185,14 @@ def _log_likelihood_outside(choice: ChoiceSet, features: FloatArray, compared: A
         group = range(start, min(start + step, len(features)))
         joined = [choice.weights.joined(compared[[index]]) for index in group]
         chosen = utilities[group] + np.array([own for _, own in joined])[:, None]
-        others = choice.log_normaliser(np.array([log_w for log_w, _ in joined]))
+        weights = np.array([log_w for log_w, _ in joined])
+        change = float(np.abs(weights - choice.weights.log_w).max())
+        if not change <= _LARGEST_CHANGE:
+            raise ArgumentError(
+                f"model changes a log weight of the set by {change:g} when a demonstration joins it; up to "
+                f"{_LARGEST_CHANGE:g} can be resolved, so weigh the joined set as a set of its own."
+            )
+        others = choice.log_normaliser(weights)
         log_likelihoods[group] = chosen - np.logaddexp(others, chosen)
     return log_likelihoods
 

@@ -11,6 +11,7 @@ from pipeline.choice import (
     AttributeRule,
     Boltzmann,
     PathSize,
+    WeightedSet,
     infer,
     infer_sequential,
     likelihood,
@@ -256,3 +257,15 @@ def test_posterior_from_refuses_other_shapes_and_nan() -> None:
         posterior_from([[[math.nan]]], [[1.0]], [1.0])
     with pytest.raises(ArgumentError, match="excludes every hypothesis"):
         posterior_from([[[-math.inf]]], [[1.0]], [1.0])
+
+
+def test_a_model_that_turns_the_weights_upside_down_is_refused() -> None:
+    class Upside:
+        name = "upside"
+
+        def weigh(self, compared: object) -> WeightedSet:
+            log_w = np.array([0.0, -2000.0])
+            return WeightedSet(log_w, lambda row: (log_w[::-1], 0.0))
+
+    with pytest.raises(ArgumentError, match="changes a log weight of the set by 2000"):
+        log_likelihood(Upside(), [[0.5]], [[0.0], [1.0]], thetas=[[1.0]])
