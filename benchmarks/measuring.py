@@ -1,0 +1,85 @@
+"""What the measurements share: runs in processes of their own, growth fits, tables, one kind of data."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import resource
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class Run:
+    """Median seconds of the repetitions, peak memory of the process in bytes, and what the function returned last."""
+
+    seconds: float
+    memory: float
+    result: Any
+
+
+def measured(function: Callable[..., Any], *args: Any, times: int = 1) -> Run:
+    """`function(*args)`, which returns (seconds, result), `times` times in a fresh process."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(_repeat, (function, args, times))
+
+
+def _repeat(function: Callable[..., Any], args: Sequence[Any], times: int) -> Run:
+    runs = [function(*args) for _ in range(times)]
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
+    return Run(statistics.median(seconds for seconds, _ in runs), peak, runs[-1][1])
+
+
+def timed(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[float, Any]:
+    """Seconds and result of one call."""
+    start = time.perf_counter()
+    result = function(*args, **options)
+    return time.perf_counter() - start, result
+
+
+@dataclass(frozen=True)
+class Growth:
+    """seconds = factor x N^exponent, fitted to the two largest sizes, where lower terms matter least."""
+
+    factor: float
+    exponent: float
+
+    @classmethod
+    def fitted(cls, sizes: Sequence[int], seconds: Sequence[float]) -> Growth:
+        exponent = math.log(seconds[-1] / seconds[-2]) / math.log(sizes[-1] / sizes[-2])
+        return cls(seconds[-1] / sizes[-1] ** exponent, exponent)
+
+    def at(self, size: int) -> float:
+        return self.factor * size**self.exponent
+
+
+def clustered(count: int, features: int = 3, seed: int = 0) -> np.ndarray:
+    """Eight normal clusters, 0.03 to 0.12 wide, with centres in a unit cube."""
+    rng = np.random.default_rng(seed)
+    centres, widths = rng.random((8, features)), rng.uniform(0.03, 0.12, 8)
+    of = rng.integers(0, 8, count)
+    return centres[of] + widths[of, None] * rng.normal(size=(count, features))
+
+
+def show(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table, and how busy the machine was."""
+    table = Table(*columns, title=title, title_justify="left")
+    for row in rows:
+        table.add_row(*row)
+    Console(width=150).print(table)
+    Console().print(f"{os.cpu_count()} cores, one used; load average {os.getloadavg()[0]:.1f}\n")
+
+
+def seconds(value: float) -> str:
+    """A duration to read."""
+    if value < 120:
+        return f"{value:.3g} s"
+    return f"{value / 60:.3g} min" if value < 7200 else f"{value / 3600:.3g} h"

@@ -1,0 +1,40 @@
+"""The unit costs of the engines' cost model (pipeline/choice/engines.py): `python -m benchmarks.unit_costs`."""
+
+from __future__ import annotations
+
+import statistics
+
+from benchmarks.measuring import clustered, seconds, show, timed
+from pipeline.choice import engines
+from pipeline.choice.pairs import Neighbours
+from pipeline.choice.sketch import Grid, Sketch
+from pipeline.choice.ties import distinct_rows
+
+
+def main() -> None:
+    rows = []
+    for count, features, sigma in (
+        (20_000, 2, 0.05), (20_000, 3, 0.05), (20_000, 4, 0.05), (100_000, 2, 0.005), (100_000, 3, 0.02),
+    ):  # fmt: skip
+        groups = distinct_rows(clustered(count, features))
+        predicted = engines.neighbours(groups.rows, count, None, sigma).seconds
+        took = _median(lambda g=groups, s=sigma: Neighbours(g.rows, g.counts).log_sums_within(s))
+        rows.append(("neighbours", f"{count:,} x {features}", f"{sigma}", seconds(predicted), seconds(took)))
+    for count, features, sigma in (
+        (100_000, 1, 0.01), (1_000_000, 1, 0.01), (1_000_000, 2, 0.01), (100_000, 3, 0.05), (1_000_000, 3, 0.05),
+        (100_000, 3, 0.02),
+    ):  # fmt: skip
+        groups = distinct_rows(clustered(count, features))
+        grid = Grid.covering(groups.rows.min(axis=0), groups.rows.max(axis=0), sigma, sigma, count)
+        predicted = engines.transform_seconds(grid, count)
+        took = _median(lambda g=groups, grid=grid: Sketch.of(g.rows, grid, g.counts))
+        rows.append(("one transform", f"{count:,} x {features}", f"{sigma}", seconds(predicted), seconds(took)))
+    show("Cost model", ("what", "rows x features", "bandwidth", "predicted", "measured"), rows)
+
+
+def _median(function: object) -> float:
+    return statistics.median(timed(function)[0] for _ in range(3))
+
+
+if __name__ == "__main__":
+    main()
