@@ -1,1 +1,1 @@
-"""trajectories"""
+"""Pure numerics of paths: time base, samplers, planning, simulated participants, grid-world paths."""
