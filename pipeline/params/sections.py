@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, field_validator, model_validator
 
 from pipeline.errors import ParameterError, one_of
 from schemas import schema
@@ -90,6 +90,7 @@ class Ingest(_Section):
     waypoints: Annotated[int, Field(ge=3, le=10_000)]
     idle_rad: Positive
     on_rejected: Literal["stop", "continue"]
+    salvage: StrictBool = False
 
 
 class Deformation(_Section):

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.errors import RecordingError, StageError
+from pipeline.params import Ingest
 from pipeline.replay.scene import Scene, scene_files
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
@@ -42,7 +43,7 @@ def run(project: Project, name: str) -> None:
         rejected: list[dict[str, str]] = []
         for file in tracked(files, f"ingest {name}"):
             try:
-                rows.append(demonstration(file, scene, settings.waypoints, settings.idle_rad))
+                rows.append(demonstration(file, scene, settings))
             except RecordingError as error:
                 rejected.append({"source": file.name, "reason": error.reason, "detail": error.detail})
         depends_on = [task.end_effector, settings]
@@ -50,14 +51,21 @@ def run(project: Project, name: str) -> None:
         write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(rejected, REJECTED), provenance)
         if rejected and (settings.on_rejected == "stop" or not rows):
             raise StageError(_refusal(project, name, rejected, len(files)))
-        table = pl.DataFrame(rows, schema_overrides={"true_theta": pl.String}).with_columns(
+        table = pl.DataFrame(rows, schema_overrides={"true_theta": pl.String, "lost": pl.String}).with_columns(
             waypoints=pl.Series(np.stack([row["waypoints"] for row in rows]))
         )
         write_table(project.table(name, "demonstrations"), "demonstrations", table, provenance)
-        record.produced = f"{len(rows)} demonstrations" + (f", {len(rejected)} rejected" if rejected else "")
+        salvaged = sum(row["salvaged"] for row in rows)
+        record.produced = ", ".join(
+            [
+                f"{len(rows)} demonstrations",
+                *([f"{salvaged} of them salvaged"] if salvaged else []),
+                *([f"{len(rejected)} rejected"] if rejected else []),
+            ]
+        )
 
 
-def demonstration(file: Path, scene: Scene, waypoints: int, idle_rad: float) -> dict[str, Any]:
+def demonstration(file: Path, scene: Scene, settings: Ingest) -> dict[str, Any]:
     """One row of demonstrations.parquet.
 
     Raises:
@@ -68,11 +76,11 @@ def demonstration(file: Path, scene: Scene, waypoints: int, idle_rad: float) -> 
             "reserved-name",
             f"A recording cannot be called {file.stem}, which tables use for all of them; rename the file.",
         )
-    recording = read_joint_states(file, joints=scene.joints)
+    recording = read_joint_states(file, joints=scene.joints, salvage=settings.salvage)
     time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
     reference = recording.positions[0] if scene.start is None else scene.start
     path, start_s, duration_s = demonstration_waypoints(
-        time_s, recording.positions, scene.continuous, reference, waypoints, idle_rad
+        time_s, recording.positions, scene.continuous, reference, settings.waypoints, settings.idle_rad
     )
     stated = recording.metadata.get(METADATA, {})
     return {
@@ -83,6 +91,8 @@ def demonstration(file: Path, scene: Scene, waypoints: int, idle_rad: float) -> 
         "true_theta": stated.get("true_theta"),
         "start_time_ns": int(recording.time_ns[0]) + round(start_s * 1e9),
         "duration_s": duration_s,
+        "salvaged": recording.lost is not None,
+        "lost": recording.lost,
         "waypoints": path,
     }
 

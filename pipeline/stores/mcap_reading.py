@@ -23,14 +23,34 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, DataEnd, Footer
 
-from pipeline.stores.reasons import rejection
+from pipeline.errors import RecordingError
+from pipeline.stores.reasons import Reason, rejection
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")  # opcode, length of the body
 _CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _LOOSE_BLOCK_BYTES = 1 << 20
+_RECOVER = "set ingest.salvage to use what stands before"
 
 Record = TypeVar("Record")
+
+
+class CutOff(RecordingError):
+    """The file ends, or its framing breaks, before its end mark; all records before that place were read whole.
+
+    Attributes:
+        at: byte from which on nothing can be read.
+        left: bytes from there to the end of the file.
+        in_data: whether that is before the end of the data section, so that messages may be lost.
+        unchecked: bytes of the messages before that place which no checksum covers.
+    """
+
+    def __init__(self, detail: str, at: int, left: int) -> None:
+        reason: Reason = "truncated"
+        super().__init__(reason, detail)
+        self.at, self.left = at, left
+        self.in_data = True
+        self.unchecked = 0
 
 
 @dataclass(frozen=True)
@@ -61,7 +81,8 @@ def scan(path: Path, limits: Limits) -> Iterator[tuple[int, bytes]]:
         chunk. Schemas, channels and messages outside chunks come as such blocks too; copies in the summary do not.
 
     Raises:
-        RecordingError: unreadable, not-mcap, truncated, corrupt, unsupported-compression or too-large.
+        CutOff: truncated; whatever stands before that place has been yielded.
+        RecordingError: unreadable, not-mcap, corrupt, unsupported-compression or too-large.
     """
     if path.is_dir():
         raise rejection("unreadable", f"{path} is a folder; give the .mcap file inside it.")
@@ -97,11 +118,18 @@ def _scan(file: BinaryIO, size: int, limits: Limits) -> Iterator[tuple[int, byte
     if magic != MAGIC:
         raise rejection("not-mcap", "The file does not start with the MCAP magic; only MCAP recordings can be read.")
     crc = zlib.crc32(magic)
-    in_data, total, loose = True, 0, bytearray()
+    in_data, total, loose, unchecked = True, 0, bytearray(), 0
     opcode = None
     while opcode != Opcode.FOOTER:
         first = opcode is None
-        frame, opcode, body = _record(file, size, limits)
+        try:
+            frame, opcode, body = _record(file, size, limits)
+        except CutOff as cut:
+            if loose:
+                _spend(total, len(loose), limits)
+                yield Opcode.CHUNK, bytes(loose)
+            cut.in_data, cut.unchecked = in_data, unchecked if in_data else 0
+            raise
         if first and opcode != Opcode.HEADER:
             raise rejection("corrupt", f"The file starts with a record of type {opcode} where the header should be.")
         if loose and (opcode not in _CONTENT or len(loose) >= _LOOSE_BLOCK_BYTES):
@@ -111,9 +139,11 @@ def _scan(file: BinaryIO, size: int, limits: Limits) -> Iterator[tuple[int, byte
         if opcode == Opcode.CHUNK and in_data:
             chunk = parse(Chunk.read, body)
             total = _spend(total, chunk.uncompressed_size, limits)
+            unchecked += 0 if chunk.uncompressed_crc else chunk.uncompressed_size
             yield Opcode.CHUNK, inflate(chunk, limits)
         elif opcode in _CONTENT and in_data:
             loose += frame + body
+            unchecked += len(frame) + len(body)
         elif opcode in (Opcode.HEADER, Opcode.METADATA, Opcode.STATISTICS):
             yield opcode, body
         elif opcode == Opcode.DATA_END:
@@ -126,23 +156,33 @@ def _scan(file: BinaryIO, size: int, limits: Limits) -> Iterator[tuple[int, byte
     if in_data:
         raise rejection("corrupt", "The file has a footer but no end of the data section.")
     if file.read(len(MAGIC) + 1) != MAGIC:
-        raise rejection("truncated", "The MCAP magic that ends a finished file is missing; try `mcap recover`.")
+        ending = CutOff(f"The MCAP magic that ends a finished file is missing; {_RECOVER}.", size, 0)
+        ending.in_data = False
+        raise ending
 
 
 def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[bytes, int, bytes]:
     offset = file.tell()
     frame = file.read(FRAME.size)
     if len(frame) < FRAME.size:
-        raise rejection(
-            "truncated",
-            f"The file ends after {size} bytes without a footer; it was cut off, try `mcap recover`.",
+        raise CutOff(
+            f"The file ends after {size} bytes without a footer; it was cut off, {_RECOVER}.", offset, size - offset
         )
     opcode, length = FRAME.unpack(frame)
-    if length > size - file.tell():
-        raise rejection(
-            "truncated",
-            f"The record at byte {offset} states {length} bytes but {size - file.tell()} are left; "
-            "the file is cut off or damaged, try `mcap recover`.",
+    left = size - offset - FRAME.size
+    if opcode == 0:
+        raise CutOff(
+            f"The record at byte {offset} has the type 0, which no record has; the file was not written any further or is "
+            f"damaged, {_RECOVER}.",
+            offset,
+            size - offset,
+        )
+    if length > left:
+        raise CutOff(
+            f"The record at byte {offset} states {length} bytes but {left} are left; the file is cut off or damaged, "
+            f"{_RECOVER}.",
+            offset,
+            size - offset,
         )
     if length > limits.record_bytes:
         raise rejection(
@@ -152,7 +192,7 @@ def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[bytes, int, byte
         )
     body = file.read(length)
     if len(body) < length:
-        raise rejection("truncated", f"The file shrank while it was read, at byte {offset}.")
+        raise CutOff(f"The file shrank while it was read, at byte {offset}.", offset, len(frame) + len(body))
     return frame, opcode, body
 
 

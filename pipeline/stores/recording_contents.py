@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from pipeline.stores.cdr import JointBlock, decode_joint_states
-from pipeline.stores.mcap_reading import FRAME, Limits, parse, scan
+from pipeline.stores.mcap_reading import FRAME, CutOff, Limits, parse, scan
 from pipeline.stores.reasons import rejection
 
 JOINT_STATE_SCHEMAS = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
@@ -53,14 +53,24 @@ class ChannelContents:
 
 @dataclass
 class Contents:
-    """All that was found in a file; filled by `read`, and left as far as that came when it raises."""
+    """All that was found in a file; filled by `read`, and left as far as that came when it raises.
+
+    Attributes:
+        profile: of the MCAP header.
+        library: what wrote the file.
+        channels: by channel id.
+        metadata: metadata records, name -> key -> text.
+        cut: where the file breaks off, if it does.
+    """
 
     profile: str = ""
     library: str = ""
     channels: dict[int, ChannelContents] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    cut: CutOff | None = None
     _schemas: dict[int, str] = field(default_factory=dict)
     _declared: dict[tuple[int, int], bytes] = field(default_factory=dict)
+    _stated: int | None = None
     _place: int = 0
     _metadata_bytes: int = 0
 
@@ -70,20 +80,30 @@ class Contents:
         Raises:
             RecordingError: anything `mcap_reading.scan` raises, corrupt, unsupported-encoding or too-large.
         """
-        stated = None
-        for opcode, body in scan(path, limits):
-            if opcode == Opcode.CHUNK:
-                self._take_block(body, limits)
-            elif opcode == Opcode.METADATA:
-                self._take_metadata(body)
-            elif opcode == Opcode.HEADER:
-                header = parse(Header.read, body)
-                self.profile, self.library = header.profile, header.library
-            elif opcode == Opcode.STATISTICS:
-                stated = parse(Statistics.read, body).message_count
-        found = sum(channel.messages for channel in self.channels.values())
-        if stated not in (None, found):
-            raise rejection("corrupt", f"The file states {stated} messages and holds {found}.")
+        try:
+            for opcode, body in scan(path, limits):
+                self._take(opcode, body, limits)
+        except CutOff as cut:
+            self.cut = cut
+            raise
+        if self._stated not in (None, self.messages):
+            raise rejection("corrupt", f"The file states {self._stated} messages and holds {self.messages}.")
+
+    @property
+    def messages(self) -> int:
+        """How many messages were read, on all channels."""
+        return sum(channel.messages for channel in self.channels.values())
+
+    def _take(self, opcode: int, body: bytes, limits: Limits) -> None:
+        if opcode == Opcode.CHUNK:
+            self._take_block(body, limits)
+        elif opcode == Opcode.METADATA:
+            self._take_metadata(body)
+        elif opcode == Opcode.HEADER:
+            header = parse(Header.read, body)
+            self.profile, self.library = header.profile, header.library
+        elif opcode == Opcode.STATISTICS:
+            self._stated = parse(Statistics.read, body).message_count
 
     def _take_metadata(self, body: bytes) -> None:
         self._metadata_bytes += len(body)

@@ -6,6 +6,7 @@ The contract of the channel is `schemas/joint_state.ros2msg`; the codes of `Reco
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ArgumentError, RecordingError
-from pipeline.stores.mcap_reading import Limits
+from pipeline.stores.mcap_reading import CutOff, Limits
 from pipeline.stores.reasons import REASONS, Reason, rejection
 from pipeline.stores.recording_contents import ChannelContents, Contents, LoggedBlock
 from pipeline.stores.recording_writing import write_joint_states
@@ -48,6 +49,7 @@ class JointRecording:
         positions: (M, K) finite, rad for revolute joints and m for prismatic ones, as recorded (not unwrapped).
         metadata: the file's metadata records, name -> key -> text.
         clock: what `time_ns` is: header stamps if every pose has one that is not zero, MCAP log times otherwise.
+        lost: None for a whole file; of one that is cut off, a sentence that says what is missing.
     """
 
     path: Path
@@ -57,6 +59,7 @@ class JointRecording:
     positions: NDArray[np.float64]
     metadata: dict[str, dict[str, str]]
     clock: Clock
+    lost: str | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,7 @@ class RecordingReport:
         recording: the poses, or None if the file cannot be used.
         reason: why it cannot be used, or None.
         detail: the same as a sentence, or None.
+        salvageable: of a file that is cut off: the poses before that place, if `salvage` would take them.
     """
 
     path: Path
@@ -95,6 +99,7 @@ class RecordingReport:
     recording: JointRecording | None
     reason: str | None
     detail: str | None
+    salvageable: JointRecording | None = None
 
     @property
     def usable(self) -> bool:
@@ -107,6 +112,8 @@ def read_joint_states(
     topic: str | None = None,
     joints: Sequence[str] | None = None,
     limits: Limits | None = None,
+    *,
+    salvage: bool = False,
 ) -> JointRecording:
     """Read the poses of one recording.
 
@@ -120,6 +127,8 @@ def read_joint_states(
         topic: which JointState topic; None for the only one, or the only one that has all of `joints`.
         joints: the joints needed, which become the columns in this order; None for those of the first message.
         limits: what reading may cost.
+        salvage: of a file that is cut off, use the whole records before that place instead of refusing it. Only a cut is
+            salvaged: what fails a checksum or contradicts itself is refused all the same.
 
     Raises:
         ArgumentError: `joints` is empty or names a joint twice.
@@ -127,7 +136,11 @@ def read_joint_states(
     """
     _check_joints(joints)
     contents = Contents()
-    contents.read(Path(path), limits or Limits())
+    try:
+        contents.read(Path(path), limits or Limits())
+    except CutOff:
+        if not salvage:
+            raise
     return _joint_recording(Path(path), contents, topic, joints)
 
 
@@ -144,12 +157,15 @@ def inspect_recording(
     """
     _check_joints(joints)
     contents = Contents()
-    recording, reason, detail = None, None, None
+    recording, salvageable, reason, detail = None, None, None, None
     try:
         contents.read(Path(path), limits or Limits())
         recording = _joint_recording(Path(path), contents, topic, joints)
     except RecordingError as error:
         reason, detail = error.reason, error.detail
+    if contents.cut is not None:
+        with suppress(RecordingError):
+            salvageable = _joint_recording(Path(path), contents, topic, joints)
     channels = sorted(contents.channels.values(), key=lambda channel: channel.topic)
     return RecordingReport(
         path=Path(path),
@@ -160,6 +176,7 @@ def inspect_recording(
         recording=recording,
         reason=reason,
         detail=detail,
+        salvageable=salvageable,
     )
 
 
@@ -200,7 +217,21 @@ def _joint_recording(path: Path, contents: Contents, topic: str | None, joints: 
     names = tuple(joints or min(blocks, key=lambda block: block.log_ns.min()).states.names)
     time_ns, positions, clock = _poses(topic, blocks, names)
     time_ns.flags.writeable = positions.flags.writeable = False
-    return JointRecording(path, topic, time_ns, names, positions, contents.metadata, clock)
+    return JointRecording(path, topic, time_ns, names, positions, contents.metadata, clock, _lost(contents))
+
+
+def _lost(contents: Contents) -> str | None:
+    """What a file that breaks off has lost, as far as that can be known."""
+    cut = contents.cut
+    if cut is None:
+        return None
+    if not cut.in_data:
+        return "No message: the file breaks off after the last of them."
+    trust = f", {cut.unchecked} of their bytes covered by no checksum" if cut.unchecked else ""
+    return (
+        f"{cut.left} bytes from byte {cut.at} on and whatever was never written; used are the {contents.messages} messages "
+        f"before{trust}."
+    )
 
 
 def _listing(contents: Contents) -> str:

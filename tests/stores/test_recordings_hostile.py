@@ -254,3 +254,57 @@ def test_what_this_package_writes_is_guarded_bit_by_bit(tmp_path: Path) -> None:
         flipped = bytearray(written)
         flipped[position // 8] ^= 1 << (position % 8)
         reason_of(tmp_path, bytes(flipped))
+
+
+def test_what_stands_before_a_cut_is_salvaged_only_when_asked(tmp_path: Path, intact: bytes) -> None:
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(intact)
+    whole = read_joint_states(path, salvage=True)
+    assert whole.lost is None
+    kept = []
+    for length in range(len(MAGIC), len(intact), 61):
+        path.write_bytes(intact[:length])
+        report = inspect_recording(path)
+        assert report.reason == "truncated"
+        if report.salvageable is None:
+            with pytest.raises(RecordingError) as caught:
+                read_joint_states(path, salvage=True)
+            assert caught.value.reason in ("no-joint-states", "too-few-messages")
+            continue
+        part = read_joint_states(path, salvage=True)
+        count = len(part.time_ns)
+        assert (part.positions == whole.positions[:count]).all()
+        assert part.lost is not None
+        assert "checksum" not in part.lost
+        assert f"{count} messages before" in part.lost or count == 40
+        kept.append(count)
+    assert kept == sorted(kept)
+    assert {kept[0], kept[-1]} == {min(kept), 40}
+    assert len(set(kept)) > 3
+
+
+def test_a_failed_checksum_before_the_cut_is_never_salvaged(tmp_path: Path, intact: bytes) -> None:
+    path = tmp_path / "cut.mcap"
+    cut = bytearray(intact[: 3 * len(intact) // 5])
+    path.write_bytes(cut)
+    assert read_joint_states(path, salvage=True).lost
+    data = intact.index(b"zstd") + 30
+    cut[data] ^= 1
+    path.write_bytes(cut)
+    assert outcome(path, salvage=True) == "corrupt"
+
+
+def test_a_salvage_says_what_no_checksum_covers_and_that_a_cut_behind_the_messages_loses_none(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mcap"
+    sound = file_of(*DECLARED, *MESSAGES)
+    for zeros in (b"", bytes(5000)):
+        path.write_bytes(sound[: sound.index(MESSAGES[3])] + zeros)
+        part = read_joint_states(path, salvage=True)
+        assert part.positions[:, 0].tolist() == [0, 1, 2]
+        assert part.lost is not None
+        assert part.lost.startswith(f"{len(zeros)} bytes from byte ")
+        assert "covered by no checksum" in part.lost
+    path.write_bytes(sound[:-1])
+    whole = read_joint_states(path, salvage=True)
+    assert len(whole.time_ns) == 4
+    assert whole.lost == "No message: the file breaks off after the last of them."

@@ -21,6 +21,8 @@ def demonstrations(**changes: object) -> pl.DataFrame:
         "true_theta": [None, "{}"],
         "start_time_ns": [1, 2],
         "duration_s": [1.5, 2.5],
+        "salvaged": [False, True],
+        "lost": [None, "the rest"],
         "waypoints": pl.Series(np.arange(12.0).reshape(2, 3, 2)),
     }
     return pl.DataFrame({k: v for k, v in (columns | changes).items() if v is not None})
@@ -70,7 +72,7 @@ def test_a_table_that_breaks_its_schema_is_not_written(
 def test_another_version_or_another_table_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     write_table(path, "demonstrations", demonstrations(), {})
-    with pytest.raises(TableError, match="holds table 'demonstrations' version 1, needed is 'features' version 1"):
+    with pytest.raises(TableError, match="holds table 'demonstrations' version 2, needed is 'features' version 1"):
         read_table(path, "features")
     table = pq.read_table(path)
     pq.write_table(
