@@ -1,5 +1,6 @@
 """After `make repro`: every output is there, follows its contract, and says what it must."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -44,6 +45,7 @@ def main() -> None:
         figures = list((ROOT / "datasets" / folder / "figures").iterdir())
         kinds = [figure.suffix for figure in figures]
         expect(kinds.count(".svg") == kinds.count(".png") > 0, f"{folder}: every figure as SVG and PNG")
+        expect(json.loads((ROOT / "datasets" / folder / "metrics.json").read_text()), f"{folder}: headline numbers")
         subprocess.run(
             [rerun, "rrd", "verify", ROOT / "datasets" / folder / "inspect.rrd"], check=True, env=quiet_environment()
         )

@@ -1,4 +1,4 @@
-"""Stage: the figures of a task, or of the studies, as SVG and PNG, drawn from the tables alone."""
+"""Stage: the figures of a task, or of the studies, as SVG and PNG, and its headline numbers, from the tables alone."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from pipeline.stores.figures import write_figure
 from pipeline.stores.grid_world_figures import density_figure, overall_figure, sets_figure, true_posterior_figure
 from pipeline.stores.held_out_figures import held_out_figure
 from pipeline.stores.human_choice_figures import choices_figure
+from pipeline.stores.metrics import write_metrics
 from pipeline.stores.robustness_figures import (
     accuracy_figure,
     duplicates_figure,
@@ -26,10 +27,11 @@ from pipeline.stores.tables import read_table
 from pipeline.stores.task_figures import densities_figure, map_figure, posterior_figure
 from pipeline.stores.whole import folder_written_whole
 from pipeline.studies.figure_tables import compare_models, differences, with_mean_intervals, with_share_intervals
+from pipeline.studies.headline import Numbers, studies_headline, task_headline
 from pipeline.studies.robustness import COMPARED
 from pipeline.studies.robustness_views import accuracy, entropies, example, middle_size
 
-FOLDER = "figures"
+FOLDER, METRICS = "figures", "metrics.json"
 ROBUSTNESS = (
     "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity", "sensitivity_summary",
     "duplicates_summary",
@@ -37,7 +39,7 @@ ROBUSTNESS = (
 
 
 def run(project: Project, name: str) -> None:
-    """Write the figures of the task `name`."""
+    """Write the figures and metrics.json of the task `name`."""
     project.params.task(name)
     with recorded_run(project, "figures", name) as record:
         view = task_view(project, name)
@@ -50,16 +52,20 @@ def run(project: Project, name: str) -> None:
         held_out = read_table(project.table(name, "held_out"), "held_out").filter(set_id=WORKING)
         if held_out.height:
             figures["held_out"] = held_out_figure(held_out, compare_models(held_out), differences(held_out))
+        tables: dict[str, pl.DataFrame] = {}
         if project.table(name, ROBUSTNESS[0]).exists():
             tables = {table: read_table(project.table(name, table), table) for table in ROBUSTNESS}
             figures |= _robustness(tables, view.labels, view.meaning)
         else:
             record.notes.append(f"no robustness study yet, so none of its figures: lessbench study robustness {name}")
-        record.produced = _write(project.datasets / name / FOLDER, figures)
+        recordings = view.demonstrations.height, read_table(project.table(name, "rejected"), "rejected").height
+        beliefs = {model: steps[-1] for model, steps in view.beliefs.items()}
+        numbers = task_headline(beliefs, view.labels, held_out, tables.get("robustness_summary"), recordings)
+        record.produced = _write(project.datasets / name, figures, numbers)
 
 
 def run_studies(project: Project) -> None:
-    """Write the figures of the human choice study and of the grid world."""
+    """Write the figures and metrics.json of the human choice study and of the grid world."""
     grid = project.params.studies.grid_world
     with recorded_run(project, "figures", STUDIES) as record:
         tables = {
@@ -75,7 +81,8 @@ def run_studies(project: Project) -> None:
             "grid_world_sets": sets_figure(tables["paths"], tables["posteriors"], grid.objects, grid.size),
             "grid_world_density": density_figure(tables["paths"], tables["density_1d"], tables["density_2d"]),
         }
-        record.produced = _write(project.datasets / STUDIES / FOLDER, figures)
+        tests = read_table(project.table(STUDIES, "human_choice_tests"), "human_choice_tests")
+        record.produced = _write(project.datasets / STUDIES, figures, studies_headline(tests, tables["summary"]))
 
 
 def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:
@@ -99,8 +106,9 @@ def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], mea
     return figures
 
 
-def _write(folder: Path, figures: Mapping[str, Figure]) -> str:
-    with folder_written_whole(folder) as partial:
+def _write(folder: Path, figures: Mapping[str, Figure], numbers: Numbers) -> str:
+    with folder_written_whole(folder / FOLDER) as partial:
         for name, figure in figures.items():
             write_figure(partial, name, figure)
+    write_metrics(folder / METRICS, numbers)
     return f"{len(figures)} figures"

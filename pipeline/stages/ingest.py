@@ -47,7 +47,7 @@ def run(project: Project, name: str) -> None:
             except RecordingError as error:
                 rejected.append({"source": file.name, "reason": error.reason, "detail": error.detail})
         depends_on = [task.end_effector, settings]
-        provenance = project.provenance(depends_on, [folder, *scene_files(scene.path)])
+        provenance = project.provenance(depends_on, [*files, *scene_files(scene.path)])
         write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(rejected, REJECTED), provenance)
         if rejected and (settings.on_rejected == "stop" or not rows):
             raise StageError(_refusal(project, name, rejected, len(files)))

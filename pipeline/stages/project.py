@@ -136,9 +136,11 @@ def recorded_runs(project: Project) -> list[Mapping[str, object]]:
 
 
 def _sha256(path: Path) -> str:
-    files = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+    """Of a file what `sha256sum` says; of a folder the hash of its files' names and hashes."""
+    if not path.is_dir():
+        return hashlib.sha256(path.read_bytes()).hexdigest()
     digest = hashlib.sha256()
-    for file in files:
+    for file in sorted(file for file in path.rglob("*") if file.is_file()):
         digest.update(file.name.encode())
         digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()

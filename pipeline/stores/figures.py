@@ -29,13 +29,14 @@ P = ParamSpec("P")
 
 COLUMN_IN, TEXT_IN = 3.33, 7.0  # width of a column, and of the text
 DPI = 300
+TITLE_POINTS = 8
 _DIGITS = 5  # of the figure's size
 INK = "#222222"
 STYLE: dict[str, object] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
     "mathtext.fontset": "dejavusans",
     "font.size": 7.5,
-    "axes.titlesize": 8,
+    "axes.titlesize": TITLE_POINTS,
     "axes.labelsize": 7.5,
     "xtick.labelsize": 7,
     "ytick.labelsize": 7,

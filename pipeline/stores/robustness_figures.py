@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
 from pipeline.stores import palette
-from pipeline.stores.figures import TEXT_IN, color, in_style, model_color, new_figure, probability_axis
+from pipeline.stores.figures import TEXT_IN, TITLE_POINTS, color, in_style, model_color, new_figure, probability_axis
 from pipeline.stores.palette import model_name
 
 if TYPE_CHECKING:
@@ -154,6 +154,9 @@ def two_posteriors_figure(
     for row, model in zip(axes, models, strict=True):
         for ax in row:
             probability_axis(ax, f"{model_name(model)}\nposterior" if ax is row[0] else "", None)
+    demonstration, size = posteriors.select("demonstration_id", "set_size").row(0)
+    about = f"demonstration {demonstration}, sets of {size:,} alternatives"
+    figure.suptitle(about, x=0.01, ha="left", fontsize=TITLE_POINTS)
     return figure
 
 
@@ -226,7 +229,11 @@ def sensitivity_figure(
         Line2D([], [], marker="o", linestyle="none", markersize=3.2, color=edge, markerfacecolor=face, label=label)
         for label, edge, face in marks
     ]
-    figure.legend(handles=handles, loc="outside upper left", ncols=len(handles))
+    about = f"single demonstrations, sets of {summary['set_size'][0]:,} alternatives"
+    figure.legend(
+        handles=handles, loc="outside upper left", ncols=len(handles), title=about, alignment="left",
+        title_fontsize=TITLE_POINTS,
+    )  # fmt: skip
     return figure
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -64,7 +65,12 @@ def test_the_studies_figures_are_whole_and_the_same_again(studied: Project) -> N
     assert list(first) == [f"{name}.{kind}" for name in STUDY_FIGURES for kind in ("png", "svg")]
     figures.run_studies(studied)
     assert written(folder) == first
-    assert sorted(path.name for path in folder.parent.iterdir() if not path.suffix) == ["figures"]
+    assert sorted(path.name for path in folder.parent.iterdir() if path.suffix != ".parquet") == [
+        "figures",
+        "metrics.json",
+    ]
+    numbers = json.loads((folder.parent / "metrics.json").read_text())
+    assert 0 < numbers["human_choice"]["groups"]["less"]["p_value"] < 1
     assert recorded_runs(studied)[-1]["produced"] == "5 figures"
 
 
@@ -77,8 +83,12 @@ def test_a_task_has_its_figures(make_project: Make, parameters: dict[str, Any]) 
     folder = project.datasets / "sweep" / "figures"
     first = written(folder)
     assert list(first) == [f"{name}.{kind}" for name in TASK_FIGURES for kind in ("png", "svg")]
+    numbers = (project.datasets / "sweep" / "metrics.json").read_bytes()
+    assert json.loads(numbers)["recordings"] == {"used": 3, "rejected": 0}
+    assert list(json.loads(numbers))[1:] == ["boltzmann", "less", "attribute-rule"]
     figures.run(project, "sweep")
     assert written(folder) == first
+    assert (project.datasets / "sweep" / "metrics.json").read_bytes() == numbers
 
 
 def test_one_demonstration_has_no_held_out_figure(make_project: Make, parameters: dict[str, Any]) -> None:

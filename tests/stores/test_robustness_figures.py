@@ -71,7 +71,7 @@ def settings(largest: float = 1.0) -> pl.DataFrame:
         schema=["choice", "setting"],
         orient="row",
     )
-    table = points(BOTH, regime=list(REGIMES)).drop("low", "high").join(table, how="cross")
+    table = points(BOTH, regime=list(REGIMES), set_size=[1000]).drop("low", "high").join(table, how="cross")
     return table.with_columns(
         is_default=pl.col("setting").is_in(["1", "leave-one-out", "marginal"]),
         value=pl.when(setting="0.01").then(1e-9).otherwise(pl.col("value") * largest),
@@ -85,7 +85,9 @@ def two_posteriors() -> Figure:
     rows = rows.join(pl.DataFrame({"set_id": ["a", "b", "c"]}), how="cross").join(
         pl.DataFrame({"theta_id": range(19)}), how="cross"
     )
-    rows = rows.with_columns(posterior=pl.int_range(pl.len()) / pl.len())
+    rows = rows.with_columns(
+        posterior=pl.int_range(pl.len()) / pl.len(), demonstration_id=pl.lit("ana-2"), set_size=pl.lit(1000)
+    )
     return two_posteriors_figure(rows, {"independent": ("a", "c"), "sampler-shift": ("b", "c")}, LABELS, "weights")
 
 
@@ -183,6 +185,7 @@ def test_two_posteriors() -> None:
     np.testing.assert_allclose(heights, expected, rtol=1e-15)
     assert figure.axes[0].get_ylim()[1] >= 227 / 228
     assert figure.axes[1].get_title("left").endswith("dark: set b, pale: set c")
+    assert figure.get_suptitle() == "demonstration ana-2, sets of 1,000 alternatives"
 
 
 def test_duplicates_have_a_column_per_spread() -> None:
@@ -204,3 +207,4 @@ def test_sensitivity_marks_the_studys_own_and_what_is_beyond() -> None:
         shown = [float(line.get_xdata()[0]) for line in marks if line.get_marker() == "o"]
         assert shown == rows.filter(pl.col("setting") != "0.01")["value"].to_list()
     assert len([line for line in figure.axes[2].get_lines() if line.get_marker() == "o"]) == 12
+    assert figure.legends[0].get_title().get_text() == "single demonstrations, sets of 1,000 alternatives"
