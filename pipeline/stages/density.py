@@ -9,6 +9,7 @@ from pipeline.choice import log_density, select_bandwidth
 from pipeline.choice.scaling import feature_scale
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stores.tables import read_table, write_table
 
 SET = ("anchor", "set_size", "set_id")
@@ -29,10 +30,15 @@ def run(project: Project, name: str) -> None:
         sets = pool.partition_by(SET, maintain_order=True)
         bandwidth = project.params.density.bandwidth
         parts = [_set_density(rows, scale, names, bandwidth) for rows in tracked(sets, f"density {name}")]
-        provenance = project.provenance([method, project.params.density], sources)
-        write_table(project.table(name, "scales"), "scales", scales, provenance)
-        write_table(project.table(name, "densities"), "densities", pl.concat(parts), provenance)
+        stated = provenance(project, depends_on(project), sources)
+        write_table(project.table(name, "scales"), "scales", scales, stated)
+        write_table(project.table(name, "densities"), "densities", pl.concat(parts), stated)
         record.produced = f"{len(sets)} sets, {pool.height:,} log densities"
+
+
+def depends_on(project: Project) -> list[object]:
+    """The parameters that the tables depend on."""
+    return [project.params.features.scale, project.params.density]
 
 
 def _set_density(rows: pl.DataFrame, scale: np.ndarray, names: tuple[str, ...], bandwidth: str | float) -> pl.DataFrame:

@@ -6,9 +6,10 @@ import numpy as np
 import polars as pl
 
 from pipeline.replay.features import FeatureSet, bind_features
-from pipeline.replay.scene import scene_files
+from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
 
@@ -37,12 +38,20 @@ def run(project: Project, name: str) -> None:
         )
         values = _values(features, waypoints, name)
         table = rows.with_columns(pl.Series(feature, values[:, f]) for f, feature in enumerate(features.names))
-        provenance = project.provenance([task.features, task.end_effector], [*sources, *scene_files(scene.path)])
-        write_table(project.table(name, "features"), "features", table, provenance)
+        stated = provenance(
+            project, depends_on(project, name), [*sources, *scene_files(scene.path)], model=model_hash(scene)
+        )
+        write_table(project.table(name, "features"), "features", table, stated)
         kinds = [str(task.features[feature]["kind"]) for feature in features.names]
         units = pl.DataFrame({"feature": features.names, "kind": kinds, "unit": features.units})
-        write_table(project.table(name, "feature_units"), "feature_units", units, provenance)
+        write_table(project.table(name, "feature_units"), "feature_units", units, stated)
         record.produced = f"{table.height:,} trajectories x {len(features.names)} features"
+
+
+def depends_on(project: Project, name: str) -> list[object]:
+    """The parameters that the tables depend on."""
+    task = project.params.task(name)
+    return [task.features, task.end_effector]
 
 
 def _values(features: FeatureSet, waypoints: np.ndarray, name: str) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pipeline.stages.project import STUDIES, Project, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stores.tables import write_table
 from pipeline.studies.grid_world import run_grid_world
 from pipeline.studies.grid_world_trials import GridWorldSettings
@@ -19,7 +20,12 @@ def run(project: Project) -> None:
             **{f"grid_world_{name}": table for name, table in vars(study.analysis).items()},
             **{f"grid_world_{name}": table for name, table in vars(study.examples).items()},
         }
-        provenance = project.provenance([settings], [], seeded=True)
+        stated = provenance(project, depends_on(project), [], seeded=True)
         for name, table in tables.items():
-            write_table(project.table(STUDIES, name), name, table, provenance)
+            write_table(project.table(STUDIES, name), name, table, stated)
         record.produced = f"{study.trials.height:,} posteriors of the true theta"
+
+
+def depends_on(project: Project) -> list[object]:
+    """The parameters that the tables depend on."""
+    return [project.params.studies.grid_world]

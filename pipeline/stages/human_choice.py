@@ -8,6 +8,7 @@ import polars as pl
 
 from pipeline.errors import StageError
 from pipeline.stages.project import STUDIES, Project, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stores.tables import write_table
 from pipeline.studies.human_choice import analyse_choices, compare_with_paper
 
@@ -23,12 +24,17 @@ def run(project: Project) -> None:
     with recorded_run(project, "human-choice", STUDIES) as record:
         source = project.path(settings.choices)
         study = analyse_choices(_choices(source), settings.options, settings.alpha)
-        provenance = project.provenance([settings], [source])
+        stated = provenance(project, depends_on(project), [source])
         tables = {"control": study.control, "predictions": study.predictions, "tests": study.tests}
         paper = compare_with_paper(study) if settings.compare_with_paper else pl.DataFrame(schema=PAPER)
         for name, table in (tables | {"paper": paper}).items():
-            write_table(project.table(STUDIES, f"human_choice_{name}"), f"human_choice_{name}", table, provenance)
+            write_table(project.table(STUDIES, f"human_choice_{name}"), f"human_choice_{name}", table, stated)
         record.produced = f"{study.tests.height} tests of {int(study.tests['n'][0])} choices"
+
+
+def depends_on(project: Project) -> list[object]:
+    """The parameters that the tables depend on."""
+    return [project.params.studies.human_choice]
 
 
 PAPER = {

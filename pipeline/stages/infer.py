@@ -16,6 +16,7 @@ from pipeline.errors import StageError
 from pipeline.params import Infer, Task
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stores.tables import read_table, write_table
 
 Group = tuple[str, str, list[int]]  # demonstration_id, participant, rows of the demonstrations
@@ -44,11 +45,16 @@ def run(project: Project, name: str) -> None:
                 columns = [pl.lit(value).alias(column) for column, value in question.items()]
                 posteriors.append(_posteriors(groups, values, thetas, betas).with_columns(columns))
                 held_out.append(_held_out(people, values).with_columns(columns))
-        provenance = project.provenance([task.thetas, settings], sources)
-        write_table(project.table(name, "posteriors"), "posteriors", pl.concat(posteriors), provenance)
-        write_table(project.table(name, "held_out"), "held_out", pl.concat(held_out), provenance)
+        stated = provenance(project, depends_on(project, name), sources)
+        write_table(project.table(name, "posteriors"), "posteriors", pl.concat(posteriors), stated)
+        write_table(project.table(name, "held_out"), "held_out", pl.concat(held_out), stated)
         count = len(posteriors) * len(groups)
         record.produced = f"{count:,} posteriors over {len(thetas)} thetas x {len(betas)} betas"
+
+
+def depends_on(project: Project, name: str) -> list[object]:
+    """The parameters that the tables depend on."""
+    return [project.params.task(name).thetas, project.params.infer]
 
 
 def hypotheses(task: Task, settings: Infer) -> np.ndarray:

@@ -10,9 +10,10 @@ import polars as pl
 
 from pipeline.errors import RecordingError, StageError
 from pipeline.params import Ingest
-from pipeline.replay.scene import Scene, scene_files
+from pipeline.replay.scene import Scene, model_hash, scene_files
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.recording_writing import METADATA
 from pipeline.stores.recordings import read_joint_states
@@ -46,15 +47,16 @@ def run(project: Project, name: str) -> None:
                 rows.append(demonstration(file, scene, settings))
             except RecordingError as error:
                 rejected.append({"source": file.name, "reason": error.reason, "detail": error.detail})
-        depends_on = [task.end_effector, settings]
-        provenance = project.provenance(depends_on, [*files, *scene_files(scene.path)])
-        write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(rejected, REJECTED), provenance)
+        stated = provenance(
+            project, depends_on(project, name), [*files, *scene_files(scene.path)], model=model_hash(scene)
+        )
+        write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(rejected, REJECTED), stated)
         if rejected and (settings.on_rejected == "stop" or not rows):
             raise StageError(_refusal(project, name, rejected, len(files)))
         table = pl.DataFrame(rows, schema_overrides={"true_theta": pl.String, "lost": pl.String}).with_columns(
             waypoints=pl.Series(np.stack([row["waypoints"] for row in rows]))
         )
-        write_table(project.table(name, "demonstrations"), "demonstrations", table, provenance)
+        write_table(project.table(name, "demonstrations"), "demonstrations", table, stated)
         salvaged = sum(row["salvaged"] for row in rows)
         record.produced = ", ".join(
             [
@@ -63,6 +65,11 @@ def run(project: Project, name: str) -> None:
                 *([f"{len(rejected)} rejected"] if rejected else []),
             ]
         )
+
+
+def depends_on(project: Project, name: str) -> list[object]:
+    """The parameters that the tables depend on."""
+    return [project.params.task(name).end_effector, project.params.ingest]
 
 
 def demonstration(file: Path, scene: Scene, settings: Ingest) -> dict[str, Any]:

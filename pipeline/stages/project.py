@@ -1,16 +1,14 @@
-"""Where a project's files are, and what every stage does around its own work: provenance and a record of the run."""
+"""Where a project's files are, and what every stage does around its own work: a record of the run."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
 
 from pipeline import params
@@ -61,30 +59,13 @@ class Project:
         """A path of params.yaml."""
         return self.root / given
 
-    def provenance(
-        self, depends_on: Iterable[object], inputs: Iterable[Path], *, seeded: bool = False
-    ) -> dict[str, object]:
-        """What a table says about where it came from.
-
-        Args:
-            depends_on: the parameters that the table depends on, no others, so that equal inputs give equal bytes.
-            inputs: the files it was made from.
-            seeded: whether random numbers went into it.
-        """
-        seed = {"seed": self.params.seed} if seeded else {}
-        return {
-            "program": f"lessbench {version('lessbench')}",
-            **seed,
-            "parameters": params.fingerprint(*depends_on),
-            "inputs": {self._shown(path): _sha256(path) for path in inputs},
-        }
-
     def named(self, path: Path) -> str:
         """How params.yaml names a path: from the project's folder if it is inside, else in full."""
         full = path.resolve()
         return full.relative_to(self.root).as_posix() if full.is_relative_to(self.root) else str(full)
 
-    def _shown(self, path: Path) -> str:
+    def shown(self, path: Path) -> str:
+        """A file as provenance names it: from the project's folder if it is inside, else by its name."""
         return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else path.name
 
 
@@ -133,17 +114,6 @@ def recorded_runs(project: Project) -> list[Mapping[str, object]]:
     """The last run of every stage, in the order in which they finished."""
     runs = [json.loads(path.read_text(encoding="utf-8")) for path in sorted((project.root / RUNS).glob("*.json"))]
     return sorted(runs, key=lambda run: float(run["finished"]))
-
-
-def _sha256(path: Path) -> str:
-    """Of a file what `sha256sum` says; of a folder the hash of its files' names and hashes."""
-    if not path.is_dir():
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    digest = hashlib.sha256()
-    for file in sorted(file for file in path.rglob("*") if file.is_file()):
-        digest.update(file.name.encode())
-        digest.update(hashlib.sha256(file.read_bytes()).digest())
-    return digest.hexdigest()
 
 
 __all__ = ["ParameterError", "Project", "Run", "Task", "find_project", "recorded_run", "recorded_runs"]

@@ -13,9 +13,10 @@ from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
 from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
-from pipeline.replay.scene import scene_files
+from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.infer import hypotheses
 from pipeline.stages.project import WORKING, Project, Run, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
 from pipeline.studies.choice_sets import ChoiceSets, Demonstrations, Problem
@@ -39,14 +40,24 @@ def run(project: Project, name: str) -> None:
         scene = load_task_scene(project, task)
         features = bind_features(scene, task.features)
         tables = _tables(project, name, task, features, sources, record)
-        settings = [
-            task.features, task.end_effector, task.thetas, project.params.infer.theta_values, project.params.infer.betas,
-            project.params.density,
-            project.params.robustness.duplicates, project.params.robustness.bandwidth_factors,
-        ]  # fmt: skip
-        provenance = project.provenance(settings, [*sources.values(), *scene_files(scene.path)], seeded=True)
+        stated = provenance(
+            project,
+            depends_on(project, name),
+            [*sources.values(), *scene_files(scene.path)],
+            seeded=True,
+            model=model_hash(scene),
+        )
         for table, rows in tables.items():
-            write_table(project.table(name, table), table, rows, provenance)
+            write_table(project.table(name, table), table, rows, stated)
+
+
+def depends_on(project: Project, name: str) -> list[object]:
+    """The parameters that the tables depend on."""
+    task, infer, robustness = project.params.task(name), project.params.infer, project.params.robustness
+    return [
+        task.features, task.end_effector, task.thetas, infer.theta_values, infer.betas, project.params.density,
+        robustness.duplicates, robustness.bandwidth_factors,
+    ]  # fmt: skip
 
 
 def _tables(

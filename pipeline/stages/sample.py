@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from pipeline.errors import StageError
 from pipeline.params import Sample
-from pipeline.replay.scene import Scene, scene_files
+from pipeline.replay.scene import Scene, model_hash, scene_files
 from pipeline.stages.planning import SEARCH, Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import WORKING, Project, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
 from pipeline.trajectories.optimise import optimise_paths, random_weights
@@ -56,16 +57,20 @@ def run(project: Project, name: str) -> None:
                 draw_set(planning, sampler, rng, anchors[anchor], size)
                 for rng, (anchor, size, _) in tracked(list(zip(streams, wanted, strict=True)), f"sample {name}")
             ]
-        depends_on = [
-            task.end_effector, task.surface, task.anchor, task.preferences, settings, planning.waypoints,
-        ]  # fmt: skip
-        provenance = project.provenance(depends_on, inputs, seeded=True)
+        stated = provenance(project, depends_on(project, name), inputs, seeded=True, model=model_hash(scene))
         rows = pl.concat([alternative_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
         shares = pl.concat([sampling_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
-        write_table(project.table(name, "alternatives"), "alternatives", rows, provenance)
-        write_table(project.table(name, "sampling"), "sampling", shares, provenance)
+        write_table(project.table(name, "alternatives"), "alternatives", rows, stated)
+        write_table(project.table(name, "sampling"), "sampling", shares, stated)
         rate = 1 - rows.height / sum(tally.proposed for draw in draws for tally in draw.tallies)
         record.produced = f"{len(wanted)} sets, {rows.height:,} trajectories ({rate:.0%} of the draws discarded)"
+
+
+def depends_on(project: Project, name: str) -> list[object]:
+    """The parameters that the tables depend on."""
+    task = project.params.task(name)
+    settings = [project.params.sample, project.params.ingest.waypoints]
+    return [task.end_effector, task.surface, task.anchor, task.preferences, *settings]
 
 
 def sampling_anchors(planning: Planning, demonstrations: pl.DataFrame) -> dict[str, Anchor]:

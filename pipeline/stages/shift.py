@@ -10,10 +10,11 @@ import polars as pl
 
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.params import Sample, ShiftedSampler
-from pipeline.replay.scene import scene_files
+from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.planning import Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.provenance import provenance
 from pipeline.stages.sample import alternative_rows, draw_set, planned_sampler, sampling_anchors, sampling_rows
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
@@ -42,15 +43,23 @@ def run(project: Project, name: str) -> None:
                     log_proposal = _log_proposal(sampler, draw, anchor)
                     rows.append(alternative_rows(draw, label, size, set_id).with_columns(log_proposal=log_proposal))
                     shares.append(sampling_rows(draw, label, size, set_id))
-        depends_on = [
-            task.end_effector, task.surface, task.anchor, task.preferences, settings.sizes, settings.planner.width_rad,
-            settings.deformation.modes, {key: spec.model_dump() for key, spec in specs.items()}, planning.waypoints,
-        ]  # fmt: skip
-        provenance = project.provenance(depends_on, [*scene_files(scene.path), source], seeded=True)
+        stated = provenance(
+            project, depends_on(project, name), [*scene_files(scene.path), source], seeded=True, model=model_hash(scene)
+        )
         table = pl.concat(rows)
-        write_table(project.table(name, "shifted_alternatives"), "shifted_alternatives", table, provenance)
-        write_table(project.table(name, "shifted_sampling"), "shifted_sampling", pl.concat(shares), provenance)
+        write_table(project.table(name, "shifted_alternatives"), "shifted_alternatives", table, stated)
+        write_table(project.table(name, "shifted_sampling"), "shifted_sampling", pl.concat(shares), stated)
         record.produced = f"{len(rows)} sets from {len(specs)} samplers, {table.height:,} trajectories"
+
+
+def depends_on(project: Project, name: str) -> list[object]:
+    """The parameters that the tables depend on."""
+    task, settings = project.params.task(name), project.params.sample
+    return [
+        task.end_effector, task.surface, task.anchor, task.preferences, settings.sizes, settings.planner.width_rad,
+        settings.deformation.modes, {key: spec.model_dump() for key, spec in project.params.robustness.samplers.items()},
+        project.params.ingest.waypoints,
+    ]  # fmt: skip
 
 
 def _samplers(

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
 from pipeline.errors import StageError
+from pipeline.replay import load_scene, model_hash
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample, simulate
 from pipeline.stages.project import Project, recorded_runs
 from pipeline.stores.catalog import ask
@@ -156,8 +158,23 @@ def test_provenance_names_the_inputs_by_content(make_project: Make, parameters: 
     assert set(stated["inputs"]) == {  # type: ignore[call-overload]
         "datasets/sweep/demonstrations.parquet", "datasets/sweep/alternatives.parquet", "gantry.xml"
     }  # fmt: skip
-    assert "seed" not in stated  # no random number goes into features
-    assert read_provenance(project.table("sweep", "alternatives"))["seed"] == 7
+    scene = load_scene(project.root / "gantry.xml")
+    for name in (
+        "demonstrations",
+        "rejected",
+        "alternatives",
+        "features",
+        "scales",
+        "densities",
+        "posteriors",
+        "held_out",
+    ):
+        about = read_provenance(project.table("sweep", name))
+        assert about["program"] == f"lessbench {version('lessbench')}"
+        assert (about["mujoco"], about["model"]) == (version("mujoco"), model_hash(scene))
+        # no random number has gone into recordings of people; whatever comes of the alternatives inherits theirs
+        assert about["seed"] == (None if name in ("demonstrations", "rejected") else 7)
+        assert len(str(about["parameters"])) == 64
     parameters["infer"]["betas"] = [1]
     changed = make_project(parameters)
     featurize.run(changed, "sweep")
