@@ -93,9 +93,7 @@ def path_length(motion: Motion) -> Array:
 @feature("tilt", unit="rad")
 def tilt(motion: Motion, *, body: str) -> Array:
     """Angle between a body's z axis and the vertical, summed over waypoints: 0 for a mug that stays upright."""
-    w, x, y, z = np.moveaxis(motion.quaternion(body), -1, 0)
-    axis = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z], axis=-1)
-    return measures.summed_tilt(axis)
+    return measures.summed_tilt(motion.rotation(body)[..., 2])
 
 
 @dataclass(frozen=True, eq=False)

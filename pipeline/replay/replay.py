@@ -1,6 +1,6 @@
-"""Kinematic replay: every waypoint of every trajectory is posed in the scene, in batches, on all cores.
+"""Kinematic replay: every waypoint of every trajectory is posed in the scene, a chunk of trajectories at a time.
 
-The result does not depend on the number of threads or on how the trajectories are cut into chunks, to the last bit.
+The result does not depend on how the trajectories are cut into chunks, to the last bit.
 """
 
 from __future__ import annotations
@@ -10,16 +10,15 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from pipeline.errors import ArgumentError, SceneError
+from pipeline.replay.chain import Posed, weighted
 from pipeline.replay.scene import Scene
 
 Array = NDArray[np.float64]
 
-_CONFIGURATIONS_PER_CHUNK = 8192
-_CONFIGURATIONS_PER_THREAD = 256  # fewer are not worth waking a thread for
+_CONFIGURATIONS_PER_CHUNK = 16384  # what is computed of them fits the processor's cache
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,60 +29,59 @@ class Motion:
         scene: the scene replayed in.
         first: index of the first of these trajectories among those given to `replay`.
         waypoints: (n, T, J) rad or m.
+        posed: the chain of joints at each of the n x T configurations.
     """
 
     scene: Scene
     first: int
     waypoints: Array
-    _body_positions: Array = field(repr=False)
-    _body_quaternions: Array = field(repr=False)
-    _site_positions: Array = field(repr=False)
+    posed: Posed = field(repr=False)
 
     def position(self, name: str) -> Array:
-        """Origin of a body or site in the world frame, (n, T, 3) m.
+        """Origin of a body or site in the world frame, (n, T, 3) m, read-only.
 
         Raises:
             SceneError: the scene has no body or site of that name.
         """
         kind, index = self.scene.place(name)
-        positions = self._body_positions if kind == "body" else self._site_positions
-        return positions[:, :, index]
+        chain = self.scene.chain
+        return self._shaped(self.posed.origin((chain.bodies if kind == "body" else chain.sites)[index]))
 
-    def quaternion(self, body: str) -> Array:
-        """Orientation of a body in the world frame, (n, T, 4) wxyz.
+    def rotation(self, body: str) -> Array:
+        """Orientation of a body in the world frame, (n, T, 3, 3), read-only; [..., k] is its axis number k.
 
         Raises:
             SceneError: the scene has no body of that name.
         """
-        return self._body_quaternions[:, :, self.scene.body_id(body)]
+        axes = self.posed.axes(self.scene.chain.bodies[self.scene.body_id(body)])
+        return np.stack([self._shaped(axis) for axis in axes], axis=-1)
 
     @property
     def end_effector(self) -> Array:
         """Origin of the scene's end effector in the world frame, (n, T, 3) m."""
         return self.position(self.scene.end_effector)
 
+    def _shaped(self, vectors: Array) -> Array:
+        trajectories, length, _ = self.waypoints.shape
+        rows = vectors.reshape(3, trajectories, length) if vectors.shape[1] > 1 else vectors[:, :, None]
+        return np.moveaxis(np.broadcast_to(rows, (3, trajectories, length)), 0, -1)
 
-def replay(scene: Scene, waypoints: Array, *, chunk: int | None = None, threads: int | None = None) -> Iterator[Motion]:
+
+def replay(scene: Scene, waypoints: Array, *, chunk: int | None = None) -> Iterator[Motion]:
     """Pose every waypoint; yield the trajectories in order, a chunk at a time, so that memory stays bounded.
 
     Args:
         scene: from `load_scene`.
         waypoints: (N, T, J), rad or m, the joints in the order of `scene.joints`. Limits are not enforced.
-        chunk: trajectories per Motion; None: as many as make some 8,000 configurations.
-        threads: None: one per CPU.
+        chunk: trajectories per Motion; None: as many as make some 16,000 configurations.
 
     Raises:
-        ArgumentError: waypoints have another shape or are not finite, or chunk or threads is below one.
+        ArgumentError: waypoints have another shape or are not finite, or chunk is below one.
     """
     waypoints = _checked(scene, waypoints)
-    trajectories, length, _ = waypoints.shape
-    for name, value in (("chunk", chunk), ("threads", threads)):
-        if value is not None and value < 1:
-            raise ArgumentError(f"{name} is {value}; it must be at least 1, or None.")
-    most = chunk or max(1, _CONFIGURATIONS_PER_CHUNK // length)
-    # of even size: a batch poses all its states, used or not
-    even = -(-trajectories // max(1, -(-trajectories // most)))
-    return _chunks(scene, waypoints, even, threads)
+    if chunk is not None and chunk < 1:
+        raise ArgumentError(f"chunk is {chunk}; it must be at least 1, or None.")
+    return _chunks(scene, waypoints, chunk or max(1, _CONFIGURATIONS_PER_CHUNK // waypoints.shape[1]))
 
 
 def body_positions(scene: Scene, waypoints: Array, names: Sequence[str]) -> dict[str, Array]:
@@ -131,12 +129,22 @@ class Surface:
         mujoco.mj_kinematics(scene.model, data)
         self._centre, self._axes = np.array(data.site_xpos[site]), np.array(data.site_xmat[site]).reshape(3, 3)
         self._size, self._bodies = np.array(scene.model.site_size[site]), scene.moving_bodies()
+        self._top = self._centre @ self._axes[:, 2] + self._size[2]
 
     def cleared_by(self, motion: Motion) -> NDArray[np.bool_]:
         """(n,) whether no moving body's origin is ever under the top within the extent."""
-        local = (motion._body_positions[:, :, self._bodies] - self._centre) @ self._axes
-        under = (local[..., 2] < self._size[2]) & (np.abs(local[..., :2]) <= self._size[:2]).all(axis=-1)
-        return np.asarray(~under.any(axis=(1, 2)))
+        clear = np.ones(len(motion.waypoints), dtype=bool)
+        for body in reversed(self._bodies):  # what is carried furthest out dips most often
+            carried = motion.scene.chain.bodies[body]
+            under = np.flatnonzero(motion.posed.coordinate(carried, self._axes[:, 2]) < self._top)
+            under = under[clear[under // motion.waypoints.shape[1]]]
+            if not under.size:
+                continue
+            offset = motion.posed.origin(carried, under) - self._centre[:, None]
+            x, y = (np.abs(weighted(offset, axis)) for axis in self._axes[:, :2].T)
+            within = (x <= self._size[0]) & (y <= self._size[1])
+            clear[under[within] // motion.waypoints.shape[1]] = False
+        return clear
 
 
 def clear_of(scene: Scene, waypoints: Array, surface: str = "table_top") -> NDArray[np.bool_]:
@@ -159,34 +167,10 @@ def clear_of(scene: Scene, waypoints: Array, surface: str = "table_top") -> NDAr
     return np.concatenate(clear) if clear else np.empty(0, dtype=bool)
 
 
-def _chunks(scene: Scene, waypoints: Array, chunk: int, threads: int | None) -> Iterator[Motion]:
-    trajectories, length, joints = waypoints.shape
-    if trajectories == 0:
-        return
-    simulations = chunk * length
-    batch = Batch(scene.skeleton, nsim=simulations, nthread=_threads(simulations, threads))
-    outputs = [batch.bind(name) for name in ("xpos", "xquat", "site_xpos")]
-    qpos = batch.bind("qpos")
-    qpos[:] = scene.home
-    for first in range(0, trajectories, chunk):
+def _chunks(scene: Scene, waypoints: Array, chunk: int) -> Iterator[Motion]:
+    for first in range(0, len(waypoints), chunk):
         part = waypoints[first : first + chunk]
-        rows = len(part) * length
-        qpos[:rows, scene.qpos_addresses] = part.reshape(rows, joints)
-        batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_POS.value))
-        # copies, because the next chunk overwrites the batch
-        yield Motion(
-            scene,
-            first,
-            part,
-            *(_frozen(output[:rows].reshape(len(part), length, *output.shape[1:])) for output in outputs),
-        )
-
-
-def _threads(configurations: int, threads: int | None) -> int:
-    """0 stands for one per CPU."""
-    if threads is not None:
-        return threads
-    return 1 if configurations < 2 * _CONFIGURATIONS_PER_THREAD else 0
+        yield Motion(scene, first, part, scene.chain.posed(part.reshape(-1, part.shape[2])))
 
 
 def _checked(scene: Scene, waypoints: Array) -> Array:
@@ -203,9 +187,3 @@ def _checked(scene: Scene, waypoints: Array) -> Array:
     waypoints = waypoints.view()
     waypoints.flags.writeable = False
     return waypoints
-
-
-def _frozen(values: Array) -> Array:
-    copy = np.array(values)
-    copy.flags.writeable = False
-    return copy

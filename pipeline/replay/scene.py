@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import SceneError, one_of
-from pipeline.replay.skeleton import skeleton_of
+from pipeline.replay.chain import Chain
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class Scene:
         start, goal: (J,) the keyframes of these names, None where the file has none.
         home: (nq,) the whole `qpos` of keyframe `start`, else of the model; what the other joints keep.
         end_effector: name of the body or site whose path matters.
-        skeleton: `mujoco.MjModel` of the same bodies, joints and sites without their shapes; fast to replay.
+        chain: what the J joints move, for replay.
     """
 
     path: Path
@@ -53,7 +53,7 @@ class Scene:
     goal: Array | None
     home: Array
     end_effector: str
-    skeleton: Any = field(repr=False)
+    chain: Chain = field(repr=False)
 
     def body_id(self, name: str) -> int:
         """Index of a body. Raises SceneError, listing the bodies, if there is none of that name."""
@@ -82,13 +82,7 @@ class Scene:
 
     def moving_bodies(self) -> NDArray[np.intp]:
         """Indices of the bodies that the J joints move."""
-        moved = set(self.model.jnt_qposadr.searchsorted(self.qpos_addresses))
-        moving = np.zeros(self.model.nbody, dtype=bool)
-        for body in range(1, self.model.nbody):  # parents come first
-            first = self.model.body_jntadr[body]
-            own = range(first, first + self.model.body_jntnum[body])
-            moving[body] = moving[self.model.body_parentid[body]] or not moved.isdisjoint(own)
-        return np.flatnonzero(moving)
+        return np.flatnonzero([body.joint >= 0 for body in self.chain.bodies])
 
     def _id(self, object_type: Any, kind: str, name: str) -> int:
         index = int(mujoco.mj_name2id(self.model, object_type, name))
@@ -119,6 +113,7 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Seq
     limited = np.asarray(model.jnt_limited[ids], dtype=bool)
     slides = np.asarray(model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_SLIDE))
     start, goal = _keyframe(model, "start"), _keyframe(model, "goal")
+    home = _frozen(np.array(model.qpos0) if start is None else start)
     scene = Scene(
         path=path,
         model=model,
@@ -130,9 +125,9 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Seq
         upper=_frozen(np.where(limited, model.jnt_range[ids, 1], np.inf)),
         start=None if start is None else _frozen(start[addresses]),
         goal=None if goal is None else _frozen(goal[addresses]),
-        home=_frozen(np.array(model.qpos0) if start is None else start),
+        home=home,
         end_effector=end_effector or "",
-        skeleton=skeleton_of(model),
+        chain=Chain.of(model, ids, home),
     )
     if end_effector is None:
         last = model.body(int(scene.moving_bodies()[-1])).name

@@ -85,7 +85,7 @@ def summed_closeness(positions: Array, centre: Array, radius_m: float) -> Array:
     if not 0 < radius_m < np.inf:
         raise ArgumentError(f"radius_m is {radius_m}; it must be positive and finite.")
     offsets = (positions[..., :2] - centre[..., :2])[:, 1:]
-    distances = np.hypot(offsets[..., 0], offsets[..., 1])
+    distances = np.sqrt(offsets[..., 0] ** 2 + offsets[..., 1] ** 2)  # in metres nothing overflows, as hypot minds
     return np.asarray(np.maximum(0.0, radius_m - distances).sum(axis=1))
 
 

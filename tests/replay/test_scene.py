@@ -1,7 +1,6 @@
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from pipeline.errors import SceneError
@@ -104,11 +103,3 @@ def test_hash_follows_included_files_but_not_comments(gantry_path: Path):
 
 def test_scene_files_lists_what_is_included(gantry_path):
     assert scene_files(gantry_path) == [gantry_path.parent / "bin.xml", gantry_path]
-
-
-def test_skeleton_keeps_indices_and_has_no_shapes(gantry):
-    model, skeleton = gantry.model, gantry.skeleton
-    assert skeleton.ngeom == 0
-    assert skeleton.nbody == model.nbody
-    assert skeleton.jnt_qposadr.tolist() == model.jnt_qposadr.tolist()
-    assert np.abs(skeleton.qpos0 - model.qpos0).max() == 0
