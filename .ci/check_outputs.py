@@ -10,6 +10,7 @@ import polars as pl
 import schemas
 from pipeline.params import load
 from pipeline.stores.catalog import ask
+from pipeline.stores.catalog_views import FILES, INPUTS
 from pipeline.stores.tables import read_table
 from pipeline.stores.viewer import quiet_environment
 
@@ -50,7 +51,10 @@ def main() -> None:
             [rerun, "rrd", "verify", ROOT / "datasets" / folder / "inspect.rrd"], check=True, env=quiet_environment()
         )
     known = set(ask(ROOT / "datasets" / "catalog.duckdb", "select table_name from duckdb_tables()")["table_name"])
-    expect(known == set(schemas.names()), "a catalog of exactly the tables with a schema")
+    expect(known == {*schemas.names(), FILES, INPUTS}, "a catalog of the tables with a schema and their files")
+    expect(
+        ask(ROOT / "datasets" / "catalog.duckdb", "from outdated").is_empty(), "tables made from those that are there"
+    )
     print("all outputs are there and sound")
 
 

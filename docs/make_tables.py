@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
-from pipeline.stores.catalog import VIEWS
+from pipeline.stores.catalog_views import PROVENANCE_TABLES, VIEWS
 from schemas import Column, names, schema
 
 TABLES = (
@@ -65,9 +66,25 @@ def _row(column: Column, further: bool) -> str:
 
 
 def _views() -> str:
-    lines = ["| view | made from | what it says |", "|---|---|---|"]
-    lines += [f"| `{name}` | `{table}` | {comment} |" for name, (table, comment, _) in VIEWS.items()]
-    return "\n".join(lines) + "\n"
+    parts = [
+        "In the catalog alone, `files` and `inputs` say where its tables came from; views answer common questions.\n"
+    ]
+    for name, (comment, columns) in PROVENANCE_TABLES.items():
+        parts += [f"### {name}\n", f"{comment[0].upper()}{comment[1:]}.\n", _meanings(columns)]
+    for name, view in VIEWS.items():
+        made_from = ", ".join(f"`{table}`" for table in view.tables or PROVENANCE_TABLES)
+        parts += [
+            f"### {name}\n",
+            f"A view of {made_from}: {view.comment}. Its own columns:\n",
+            _meanings(view.columns),
+        ]
+    return "\n".join(parts)
+
+
+def _meanings(columns: Mapping[str, str]) -> str:
+    return "\n".join(
+        ["| column | meaning |", "|---|---|", *(f"| `{name}` | {text} |" for name, text in columns.items()), ""]
+    )
 
 
 if __name__ == "__main__":

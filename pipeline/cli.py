@@ -180,7 +180,8 @@ def sql(
     else:
         print(_as_text(answer, form), end="")  # noqa: T201
     if question is None and form is Format.table:
-        print("Questions to begin with:\n" + "\n".join(f"  {example}" for example in EXAMPLES))  # noqa: T201
+        print("Questions to begin with:")  # noqa: T201
+        print("\n".join(f"  {asked}\n    {example}" for asked, example in EXAMPLES.items()))  # noqa: T201
 
 
 @app.command(rich_help_panel=LOOK)

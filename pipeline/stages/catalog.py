@@ -1,11 +1,13 @@
-"""Stage: all tables of all tasks in one DuckDB file."""
+"""Stage: all tables of all tasks in one DuckDB file, and where they came from."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from pipeline.stages.project import STUDIES, Project, recorded_run
-from pipeline.stores.catalog import build_catalog
+from pipeline.stages.provenance import content_hash
+from pipeline.stores.catalog import SourceFile, build_catalog
+from pipeline.stores.tables import read_provenance
 from schemas import names
 
 
@@ -18,5 +20,10 @@ def run(project: Project) -> None:
             present = [(task if task != STUDIES else None, file) for task, file in files if file.is_file()]
             if present:
                 tables[name] = present
-        rows = build_catalog(project.catalog, tables)
+        sources = [
+            SourceFile(project.shown(file), name, task, content_hash(file), read_provenance(file))
+            for name, files in tables.items()
+            for task, file in files
+        ]
+        rows = build_catalog(project.catalog, tables, sources)
         record.produced = f"{len(rows)} tables, {sum(rows.values()):,} rows"

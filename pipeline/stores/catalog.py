@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from pipeline.errors import QueryError
-from schemas import TableSchema, schema
+from pipeline.stores.catalog_views import FILES, INPUTS, PROVENANCE_TABLES, VIEWS, View
+from schemas import Column, TableSchema, schema
 
 if TYPE_CHECKING:
     import duckdb
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
 TIME_LIMIT_S = 60.0
 MEMORY_LIMIT = "2GB"
+TASK = "name of the task"
 LOCKED: dict[str, str | int | float | list[str]] = {
     "enable_external_access": False,
     "lock_configuration": True,
@@ -26,58 +29,43 @@ LOCKED: dict[str, str | int | float | list[str]] = {
     "autoload_known_extensions": False,
 }
 
-# Name -> the table it is made from, what it says, and how.
 CONTENTS = """select table_name as name, 'table' as kind, comment as "what it holds" from duckdb_tables()
-    union all select view_name, 'view', comment from duckdb_views() where not internal order by kind, name"""
-EXAMPLES = (
-    "from best_hypothesis where participant = 'all' and set_id = 'working'",
-    "from model_comparison",
-    "select column_name, data_type, comment from duckdb_columns() where table_name = 'posteriors'",
-)
-
-VIEWS = {
-    "best_hypothesis": (
-        "posteriors",
-        "the most probable theta and beta of each demonstration (`all`: together), model and set",
-        """select task, demonstration_id, participant, model, set_size, set_id,
-                  arg_max(theta_id, log_posterior) as theta_id, arg_max(theta, log_posterior) as theta,
-                  arg_max(beta, log_posterior) as beta, max(posterior) as posterior
-           from posteriors group by all""",
-    ),
-    "theta_marginals": (
-        "posteriors",
-        "the posterior over theta alone, beta summed out",
-        """select task, demonstration_id, participant, model, set_size, set_id, theta_id, any_value(theta) as theta,
-                  sum(posterior) as posterior
-           from posteriors group by task, demonstration_id, participant, model, set_size, set_id, theta_id""",
-    ),
-    "model_comparison": (
-        "held_out",
-        "how well each model predicts a demonstration from the others, on the working set: log predictive probability in nats, "
-        "its mean per demonstration, and how much better that is than under Boltzmann (null where that was not inferred)",
-        """select h.task, h.set_size, h.model, count(*) as demonstrations,
-                  sum(h.log_predictive) as total, avg(h.log_predictive) as mean,
-                  stddev_samp(h.log_predictive) / sqrt(count(*)) as standard_error,
-                  avg(h.log_predictive - b.log_predictive) as difference,
-                  stddev_samp(h.log_predictive - b.log_predictive) / sqrt(count(*)) as difference_standard_error
-           from held_out h left join held_out b
-             on b.model = 'boltzmann' and (b.task, b.demonstration_id, b.set_size, b.set_id)
-                                        = (h.task, h.demonstration_id, h.set_size, h.set_id)
-           where h.set_id = 'working' group by h.task, h.set_size, h.model""",
-    ),
+    union all select view_name, 'view', comment from duckdb_views() where not internal order by kind desc, name"""
+EXAMPLES = {
+    "What did they want?": "from best_weights where participant = 'all' and set_id = 'working'",
+    "Which model predicts people better?": "from model_comparison",
+    "Does the answer hang on the sampled alternatives?": "from disagreement_between_sets where participant = 'all'",
+    "Whose demonstration says something else?": "from people_against_group where set_id = 'working' and differs",
+    "Where does a posterior come from?": "from lineage where set_id = 'working' and model = 'less'",
+    "What do the columns mean?": "select column_name, data_type, comment from duckdb_columns() "
+    "where table_name = 'posteriors'",
 }
 
 
-def build_catalog(path: Path, tables: Mapping[str, Sequence[tuple[str | None, Path]]]) -> dict[str, int]:
+@dataclass(frozen=True)
+class SourceFile:
+    """A Parquet file of the catalog: its path within the project, its SHA-256 and what it says of its making."""
+
+    file: str
+    table: str
+    task: str | None
+    sha256: str
+    provenance: Mapping[str, object]
+
+
+def build_catalog(
+    path: Path, tables: Mapping[str, Sequence[tuple[str | None, Path]]], sources: Sequence[SourceFile] = ()
+) -> dict[str, int]:
     """Write the catalog anew, whole or not at all.
 
     Args:
         path: the database file.
         tables: per schema name, the Parquet files with the task each belongs to, if any. A table of a task without a
             `task` column gets one; arrays become lists, since their lengths may differ between tasks.
+        sources: what is known of these files, for the tables `files` and `inputs`.
 
     Returns:
-        rows per table.
+        rows per table, without these two.
     """
     import duckdb
 
@@ -90,11 +78,10 @@ def build_catalog(path: Path, tables: Mapping[str, Sequence[tuple[str | None, Pa
         with duckdb.connect(partial, config={"threads": 1, "autoinstall_known_extensions": False}) as con:
             for name, files in tables.items():
                 rows[name] = _add_table(con, schema(name), files)
-            for name, (table, comment, select) in VIEWS.items():
-                if table not in tables:
-                    continue
-                con.execute(f"create view {name} as {select}")
-                con.execute(f"comment on view {name} is {_literal(comment)}")
+            _add_sources(con, sources)
+            for name, view in VIEWS.items():
+                if set(view.tables) <= set(tables):
+                    _add_view(con, name, view)
             con.execute("checkpoint")
         partial.replace(path)
     finally:
@@ -157,9 +144,10 @@ def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Seq
     for number in range(len(files)):
         con.execute(f"drop table part_{number}")
     con.execute(f"comment on table {contract.name} is {_literal(f'each row: {contract.row}')}")
-    for column in contract.columns:
-        unit = f" [{column.unit}]" if column.unit else ""
-        con.execute(f'comment on column {contract.name}."{column.name}" is {_literal(column.description + unit)}')
+    described = {column.name: _meaning(column) for column in contract.columns}
+    for column in _column_names(con, contract.name):
+        further = _meaning(contract.further) if contract.further else ""
+        _comment(con, contract.name, column, described.get(column, TASK if column == "task" else further))
     (rows,) = con.execute(f"select count(*) from {contract.name}").fetchone() or (0,)
     return int(rows)
 
@@ -173,6 +161,48 @@ def _columns(con: duckdb.DuckDBPyConnection, file: Path) -> str:
         lists = bare + "[]" * type_.count("[")
         parts.append(f'"{name}"::{lists} as "{name}"' if lists != bare else f'"{name}"')
     return ", ".join(parts)
+
+
+def _add_sources(con: duckdb.DuckDBPyConnection, sources: Sequence[SourceFile]) -> None:
+    """The tables `files` and `inputs`."""
+    files, inputs = [], []
+    for source in sources:
+        stated = [source.provenance.get(key) for key in ("program", "seed", "parameters", "mujoco", "model")]
+        files.append([source.file, source.table, source.task, source.sha256, *stated])
+        made_from = source.provenance.get("inputs")
+        if isinstance(made_from, dict):
+            inputs += [[source.file, path, sha256] for path, sha256 in made_from.items()]
+    for table, rows in ((FILES, files), (INPUTS, inputs)):
+        comment, columns = PROVENANCE_TABLES[table]
+        types = ", ".join(f"{name} {'bigint' if name == 'seed' else 'varchar'}" for name in columns)
+        con.execute(f"create table {table} ({types})")
+        if rows:
+            con.executemany(f"insert into {table} values ({', '.join('?' * len(columns))})", rows)
+        con.execute(f"comment on table {table} is {_literal(comment)}")
+        for name, meaning in columns.items():
+            _comment(con, table, name, meaning)
+
+
+def _add_view(con: duckdb.DuckDBPyConnection, name: str, view: View) -> None:
+    con.execute(f"create view {name} as {view.select}")
+    con.execute(f"comment on view {name} is {_literal(view.comment)}")
+    columns = [column for table in view.tables for column in schema(table).columns]
+    described = {column.name: _meaning(column) for column in reversed(columns)} | dict(view.columns)
+    for column in _column_names(con, name):
+        _comment(con, name, column, described.get(column, TASK))
+
+
+def _column_names(con: duckdb.DuckDBPyConnection, table: str) -> list[str]:
+    return [row[0] for row in con.execute(f"describe {table}").fetchall()]
+
+
+def _comment(con: duckdb.DuckDBPyConnection, table: str, column: str, meaning: str) -> None:
+    name = column.replace('"', '""')
+    con.execute(f'comment on column {table}."{name}" is {_literal(meaning)}')
+
+
+def _meaning(column: Column) -> str:
+    return column.description + (f" [{column.unit}]" if column.unit else "")
 
 
 def _literal(text: str) -> str:

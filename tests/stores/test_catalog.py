@@ -8,8 +8,10 @@ import polars as pl
 import pytest
 
 from pipeline.errors import QueryError
-from pipeline.stores.catalog import CONTENTS, EXAMPLES, ask, build_catalog
+from pipeline.stores.catalog import CONTENTS, EXAMPLES, SourceFile, ask, build_catalog
+from pipeline.stores.catalog_views import FILES, INPUTS, VIEWS
 from pipeline.stores.tables import write_table
+from schemas import schema
 
 
 def posteriors(task: str, features: int) -> pl.DataFrame:
@@ -93,9 +95,136 @@ def test_columns_of_one_name_are_told_apart(catalog: Path) -> None:
     assert ask(catalog, "select 1 as a, 2 as a, 3 as a_2, 4 as a").columns == ["a", "a_2", "a_2_2", "a_3"]
 
 
-def test_the_contents_and_the_examples_can_be_asked(catalog: Path) -> None:
-    contents = ask(catalog, CONTENTS)
-    assert set(contents["name"]) == {"posteriors", "best_hypothesis", "theta_marginals"}
+def test_the_contents_and_the_examples_can_be_asked(whole: Path) -> None:
+    contents = ask(whole, CONTENTS)
+    assert set(contents["name"]) == {*TABLES, FILES, INPUTS, *VIEWS}
     assert contents["what it holds"].null_count() == 0
-    assert ask(catalog, EXAMPLES[0]).is_empty()
-    assert ask(catalog, EXAMPLES[2])["column_name"].to_list()[0] == "task"
+    for example in EXAMPLES.values():
+        assert ask(whole, example).width > 2
+    assert not ask(whole, next(iter(EXAMPLES.values()))).is_empty()
+
+
+def test_every_column_of_every_table_and_view_says_what_it_is(whole: Path) -> None:
+    columns = ask(whole, "from duckdb_columns() where not internal")
+    assert columns.height > 100
+    assert columns.filter(pl.col("comment").is_null() | (pl.col("comment") == "")).is_empty()
+    own = [(name, column) for name, view in VIEWS.items() for column in view.columns]
+    assert set(own) <= set(columns.select("table_name", "column_name").iter_rows())
+
+
+def test_views_are_there_for_the_tables_that_are(catalog: Path) -> None:
+    names = set(ask(catalog, CONTENTS)["name"])
+    assert names == {
+        "posteriors", FILES, INPUTS, "best_hypothesis", "theta_marginals", "beta_marginals", "derived_from", "outdated",
+        "disagreement_between_sets", "disagreement_between_models", "people_against_group",
+    }  # fmt: skip
+
+
+TABLES = ("posteriors", "held_out", "demonstrations", "rejected", "scales")
+KEYS = ("task", "demonstration_id", "participant", "model", "set_size", "set_id")
+HALF, NARROW = [0.5, 0.5], [0.9, 0.1]
+# theta 0 and 1 with one beta: two sets that disagree about `ana`, one that shows all together
+BELIEFS = {
+    ("t", "ana", "ana", "less", 10, "00"): [0.2, 0.8],
+    ("t", "ana", "ana", "less", 10, "01"): [0.7, 0.3],
+    ("t", "ana", "ana", "less", 30, "working"): NARROW,
+    ("t", "ana", "ana", "boltzmann", 30, "working"): [0.3, 0.7],
+    ("t", "bea-1", "bea", "less", 30, "working"): HALF,
+    ("t", "bea-2", "bea", "less", 30, "working"): HALF,
+    ("t", "all", "bea", "less", 30, "working"): HALF,
+    ("t", "all", "all", "less", 30, "working"): [0.1, 0.9],
+}
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    """A catalog of one task small enough to do in the head, with the files it was made from."""
+    rows = [
+        (*key, k, [-1.0, 0.0] if k == 0 else [-0.6, -0.8], 1.0, float(np.log(p)), p)
+        for key, belief in BELIEFS.items()
+        for k, p in enumerate(belief)
+    ]
+    people = pl.DataFrame({"demonstration_id": ["ana", "bea-1", "bea-2"], "participant": ["ana", "bea", "bea"]})
+    tables = {
+        "posteriors": pl.DataFrame(
+            rows, schema=[*KEYS, "theta_id", "theta", "beta", "log_posterior", "posterior"], orient="row"
+        ).with_columns(pl.col("theta").cast(pl.Array(pl.Float64, 2))),
+        "held_out": pl.DataFrame(
+            {"task": "t", "model": ["boltzmann", "less"], "set_size": 30, "set_id": "working", "log_predictive": [-3.0, -2.0]}
+        ).with_columns(demonstration_id=pl.lit("ana"), participant=pl.lit("ana")),
+        "demonstrations": sample_of("demonstrations", 3).with_columns(
+            people["demonstration_id"], people["participant"], source=people["demonstration_id"] + ".mcap"
+        ),
+        "rejected": pl.DataFrame({"source": ["cut.mcap"], "reason": "truncated", "detail": "It ends too soon."}),
+        "scales": pl.DataFrame({"feature": ["z", "a"], "unit": "", "method": "range", "scale": 1.0}),
+    }  # fmt: skip
+    sources = []
+    for name, table in tables.items():
+        write_table(tmp_path / f"{name}.parquet", name, table, {})
+        inputs = {"demonstrations": {"rec/ana.mcap": "1a", "rec/bea-1.mcap": "1b", "rec/bea-2.mcap": "1c"}}
+        inputs |= {"posteriors": {"t/demonstrations.parquet": "old"}}
+        made = {"program": "lessbench 9", "parameters": "ff", "seed": 7, "mujoco": "4", "inputs": inputs.get(name, {})}
+        sources.append(SourceFile(f"t/{name}.parquet", name, "t", f"hash of {name}", made))
+    build_catalog(
+        tmp_path / "catalog.duckdb", {name: [("t", tmp_path / f"{name}.parquet")] for name in tables}, sources
+    )
+    return tmp_path / "catalog.duckdb"
+
+
+def sample_of(name: str, rows: int) -> pl.DataFrame:
+    """Rows of a table that follow its schema and say nothing."""
+    plain = {"string": "", "bool": False, "int64": 0, "float": 0.0, "double": 0.0}
+    columns = {
+        column.name: pl.Series(np.zeros((rows, *(2 for _ in column.lengths)))) if column.lengths else [plain[column.scalar]] * rows
+        for column in schema(name).columns
+    }  # fmt: skip
+    return pl.DataFrame(columns)
+
+
+def test_weights_have_their_features_names(whole: Path) -> None:
+    answer = ask(whole, "select feature, weight from best_weights where participant = 'all'")
+    assert answer.rows() == [("z", -0.6), ("a", -0.8)]
+
+
+def test_disagreement_between_sets(whole: Path) -> None:
+    (row,) = ask(whole, "from disagreement_between_sets").to_dicts()
+    assert (row["demonstration_id"], row["sets"], row["answers"], row["agreeing"]) == ("ana", 2, 2, 0.5)
+    assert row["mean_total_variation"] == row["largest_total_variation"] == pytest.approx(0.5)
+
+
+def test_disagreement_between_models_and_people(whole: Path) -> None:
+    (row,) = ask(whole, "from disagreement_between_models").to_dicts()
+    assert (row["model"], row["theta_id"], row["other_model"], row["other_theta_id"]) == ("boltzmann", 1, "less", 0)
+    assert row["total_variation"] == pytest.approx(0.6)
+    people = ask(whole, "from people_against_group where differs and demonstration_id = 'ana'").to_dicts()
+    assert [row["angle_deg"] for row in people] == [pytest.approx(np.degrees(np.arccos(0.6)))]
+
+
+def test_models_are_compared(whole: Path) -> None:
+    answer = ask(whole, "select model, mean, difference from model_comparison order by model")
+    assert answer.rows() == [("boltzmann", -3.0, 0.0), ("less", -2.0, 1.0)]
+
+
+def test_every_recording_is_accounted_for(whole: Path) -> None:
+    answer = ask(whole, "select source, used, reason from recordings")
+    assert answer.rows() == [
+        ("ana.mcap", True, None), ("bea-1.mcap", True, None), ("bea-2.mcap", True, None), ("cut.mcap", False, "truncated"),
+    ]  # fmt: skip
+
+
+def test_a_posterior_goes_back_to_its_recordings(whole: Path) -> None:
+    ana = ask(whole, "from lineage where demonstration_id = 'ana' and set_id = '00'").to_dicts()
+    assert [(row["recording"], row["recording_sha256"], row["program"]) for row in ana] == [
+        ("rec/ana.mcap", "1a", "lessbench 9")
+    ]
+    for participant, expected in (("bea", ["1b", "1c"]), ("all", ["1a", "1b", "1c"])):
+        question = f"from lineage where demonstration_id = 'all' and participant = '{participant}'"
+        assert sorted(ask(whole, question)["recording_sha256"]) == expected
+    origins = ask(whole, "from derived_from where file = 't/posteriors.parquet'")
+    assert origins["steps"].to_list() == [1, 2, 2, 2]
+    assert ask(whole, "select mujoco, seed from files limit 1").rows() == [("4", 7)]
+
+
+def test_tables_made_from_another_version_are_named(whole: Path) -> None:
+    (row,) = ask(whole, "from outdated").to_dicts()
+    assert (row["file"], row["was"], row["is_now"]) == ("t/posteriors.parquet", "old", "hash of demonstrations")
