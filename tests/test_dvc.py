@@ -16,6 +16,7 @@ NEUTRAL = {
     "pipeline/params/__init__.py",
     "pipeline/params/reading.py",
     "pipeline/params/sections.py",
+    "pipeline/stages/folds.py",
     "pipeline/stages/progress.py",
     "pipeline/stages/project.py",
     "pipeline/stores/whole.py",

@@ -140,6 +140,13 @@ class Sample(_Section):
         return _distinct(values)
 
 
+class Compute(_Section):
+    """How large sets of alternatives are computed, and where; `scheduler` changes no result."""
+
+    partition: Annotated[int, Field(ge=2, le=1_000_000)]
+    scheduler: Annotated[str, Field(pattern=r"^(tcp|tls)://[^/\s]+:\d+$")] | None
+
+
 class Features(_Section):
     """How features are brought to one scale before models and kernels see them."""
 
@@ -257,6 +264,7 @@ class Params(_Section):
     simulate: Simulate
     ingest: Ingest
     sample: Sample
+    compute: Compute
     features: Features
     density: Density
     infer: Infer

@@ -16,11 +16,37 @@ from pipeline.replay.replay import Surface, clear_of, replay
 from pipeline.replay.scene import Scene
 from pipeline.trajectories.optimise import Assess, Search
 from pipeline.trajectories.paths import Anchor
-from pipeline.trajectories.samplers import Deformation, draw_admissible
+from pipeline.trajectories.samplers import Deformation, Draw, Sampler, draw_admissible
 
 Array = NDArray[np.float64]
 POOL = 1000  # trajectories on which the terms of the cost are brought to one scale
 SEARCH = Search(iterations=60)  # closes nine tenths of the gap from the straight path to what a long search finds
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where an arm may be: within its joints' limits and above the task's surface, if it has one."""
+
+    scene: Scene
+    surface: str | None
+
+    def admissible(self, waypoints: Array) -> NDArray[np.bool_]:
+        """(N, T, J) -> (N,): nothing goes through the surface."""
+        if self.surface is None:
+            return np.ones(len(waypoints), dtype=bool)
+        return clear_of(self.scene, waypoints, self.surface)
+
+    def limits(self, anchor: Anchor) -> tuple[Array, Array]:
+        """Least and greatest joint positions (J,). A person may start or end beyond a limit: then that is the limit."""
+        lower = np.minimum(self.scene.lower, np.minimum(anchor.start, anchor.goal))
+        return lower, np.maximum(self.scene.upper, np.maximum(anchor.start, anchor.goal))
+
+    def draw(self, sampler: Sampler, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Draw:
+        """Alternatives that keep to it."""
+        lower, upper = self.limits(anchor)
+        return draw_admissible(
+            sampler, rng, anchor, count, n_waypoints, lower=lower, upper=upper, admissible=self.admissible
+        )
 
 
 @dataclass(frozen=True)
@@ -50,11 +76,10 @@ class Planning:
         """The terms that a path may be planned for."""
         return Preferences(self.scene, self.task.preferences)
 
-    def admissible(self, waypoints: Array) -> NDArray[np.bool_]:
-        """(N, T, J) -> (N,): nothing goes through the task's surface."""
-        if self.task.surface is None:
-            return np.ones(len(waypoints), dtype=bool)
-        return clear_of(self.scene, waypoints, self.task.surface)
+    @property
+    def room(self) -> Room:
+        """Where the arm may be."""
+        return Room(self.scene, self.task.surface)
 
     def assess(self, waypoints: Array) -> tuple[Array, NDArray[np.bool_]]:
         """(N, T, J) -> raw cost terms (N, F) and whether the surface is cleared (N,), from one replay."""
@@ -65,17 +90,9 @@ class Planning:
         ]
         return np.concatenate([terms for terms, _ in parts]), np.concatenate([clear for _, clear in parts])
 
-    def limits(self, anchor: Anchor) -> tuple[Array, Array]:
-        """Least and greatest joint positions (J,). A person may start or end beyond a limit: then that is the limit."""
-        lower = np.minimum(self.scene.lower, np.minimum(anchor.start, anchor.goal))
-        return lower, np.maximum(self.scene.upper, np.maximum(anchor.start, anchor.goal))
-
     def preference_scales(self, rng: np.random.Generator, anchor: Anchor, sampler: Deformation) -> Array:
         """(F,) what each term is divided by: its range over deformations of the straight path."""
-        lower, upper = self.limits(anchor)
-        draw = draw_admissible(
-            sampler, rng, anchor, POOL, self.waypoints, lower=lower, upper=upper, admissible=self.admissible
-        )
+        draw = self.room.draw(sampler, rng, anchor, POOL, self.waypoints)
         return feature_scale(self.assess(draw.waypoints)[0], "range", self.preferences.names)
 
     def scaled(self, scales: Array) -> Assess:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -12,64 +14,134 @@ from numpy.typing import NDArray
 from pipeline.errors import StageError
 from pipeline.params import Sample
 from pipeline.replay.scene import Scene, model_hash, scene_files
-from pipeline.stages.planning import SEARCH, Planning
-from pipeline.stages.progress import tracked
+from pipeline.stages.folds import workers
+from pipeline.stages.parts import cut, gathered
+from pipeline.stages.planning import SEARCH, Planning, Room
 from pipeline.stages.project import WORKING, Project, recorded_run
 from pipeline.stages.provenance import provenance
-from pipeline.stages.scenes import load_task_scene
-from pipeline.stores.tables import read_table, write_table
+from pipeline.stages.scenes import SceneFile, load_task_scene, loaded, scene_file
+from pipeline.stores.tables import read_table, table_writer, write_table
 from pipeline.trajectories.optimise import optimise_paths, random_weights
 from pipeline.trajectories.paths import Anchor
-from pipeline.trajectories.samplers import (
-    Deformation,
-    Draw,
-    Mixture,
-    Planner,
-    Sampler,
-    Tally,
-    ViaPoint,
-    draw_admissible,
-)
+from pipeline.trajectories.samplers import Deformation, Draw, Mixture, Planner, Sampler, Tally, ViaPoint
 from pipeline.trajectories.streams import child_rng
 from pipeline.trajectories.timebase import to_branch
 
 Array = NDArray[np.float64]
+Drawn = tuple[tuple[str, int, str], pl.DataFrame, tuple[Tally, ...]]  # which set, rows of its table, what it took
+
+
+@dataclass(frozen=True)
+class Portion:
+    """Some of the rows of a set, drawn from a random stream of their own.
+
+    Attributes:
+        scene, surface: what the alternatives must keep to.
+        sampler: draws them.
+        ends: where they start and end.
+        waypoints: T.
+        seed, stream: of the random numbers.
+        anchor, set_size, set_id: which set.
+        first, count: its rows from `first` on.
+    """
+
+    scene: SceneFile
+    surface: str | None
+    sampler: Sampler
+    ends: Anchor
+    waypoints: int
+    seed: int
+    stream: tuple[str | int, ...]
+    anchor: str
+    set_size: int
+    set_id: str
+    first: int
+    count: int
 
 
 def run(project: Project, name: str) -> None:
     """Write alternatives.parquet and sampling.parquet of the task `name`."""
-    task, settings, seed = project.params.task(name), project.params.sample, project.params.seed
+    task, settings = project.params.task(name), project.params.sample
+    partition = project.params.compute.partition
     with recorded_run(project, "sample", name) as record:
         scene = load_task_scene(project, task)
         planning = Planning(scene, task, project.params.ingest.waypoints)
         source = project.table(name, "demonstrations")
         anchors = sampling_anchors(planning, read_table(source, "demonstrations"))
-        wanted = [(anchor, size, set_id) for anchor in anchors for size, set_id in _sets(settings)]
-        streams = [child_rng(seed, "sample", name, *which) for which in wanted]
         inputs = [*scene_files(scene.path), source]
         if settings.given is not None:
-            pool = given_trajectories(project.path(settings.given), scene, planning.waypoints)
             inputs.append(project.path(settings.given))
-            draws = [_draw_given(pool, rng, size) for rng, (_, size, _) in zip(streams, wanted, strict=True)]
-        else:
-            sampler = _sampler(planning, settings, next(iter(anchors.values())), seed, name)
-            draws = [
-                draw_set(planning, sampler, rng, anchors[anchor], size)
-                for rng, (anchor, size, _) in tracked(list(zip(streams, wanted, strict=True)), f"sample {name}")
-            ]
         stated = provenance(project, depends_on(project, name), inputs, seeded=True, model=model_hash(scene))
-        rows = pl.concat([alternative_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
-        shares = pl.concat([sampling_rows(draw, *which) for draw, which in zip(draws, wanted, strict=True)])
-        write_table(project.table(name, "alternatives"), "alternatives", rows, stated)
+        tallies: dict[tuple[str, int, str], list[Tally]] = {}
+        with (
+            workers(project) as pool,
+            table_writer(project.table(name, "alternatives"), "alternatives", stated) as writer,
+            gathered(writer, partition) as table,
+        ):
+            if settings.given is None:
+                portions = _portions(project, name, planning, anchors)
+                drawn = pool.mapped(draw_portion, portions, f"sample {name}")
+            else:
+                drawn = _given(project, name, planning, anchors)
+            for which, rows, counts in drawn:
+                table.add(rows)
+                tallies.setdefault(which, []).extend(counts)
+        shares = pl.concat([sampling_rows(added(counts), *which) for which, counts in tallies.items()])
         write_table(project.table(name, "sampling"), "sampling", shares, stated)
-        rate = 1 - rows.height / sum(tally.proposed for draw in draws for tally in draw.tallies)
-        record.produced = f"{len(wanted)} sets, {rows.height:,} trajectories ({rate:.0%} of the draws discarded)"
+        rate = 1 - table.rows / int(shares["proposed"].sum())
+        record.produced = f"{len(tallies)} sets, {table.rows:,} trajectories ({rate:.0%} of the draws discarded)"
+
+
+def _portions(project: Project, name: str, planning: Planning, anchors: Mapping[str, Anchor]) -> list[Portion]:
+    """All sets, those larger than a partition cut into portions; the stream of a set that is not cut has no number."""
+    settings, seed, partition = project.params.sample, project.params.seed, project.params.compute.partition
+    sampler = _sampler(planning, settings, next(iter(anchors.values())), seed, name)
+    file = scene_file(planning.scene)
+    portions = []
+    for (label, anchor), (size, set_id) in product(anchors.items(), _sets(settings)):
+        for first, count in cut(size, partition):
+            number = () if size <= partition else (first // partition,)
+            stream = ("sample", name, label, size, set_id, *number)
+            portions.append(
+                Portion(
+                    file, planning.task.surface, sampler, anchor, planning.waypoints, seed, stream, label, size, set_id,
+                    first, count,
+                )
+            )  # fmt: skip
+    return portions
+
+
+def draw_portion(portion: Portion) -> Drawn:
+    """Draw it."""
+    room = Room(loaded(portion.scene), portion.surface)
+    rng = child_rng(portion.seed, *portion.stream)
+    draw = room.draw(portion.sampler, rng, portion.ends, portion.count, portion.waypoints)
+    which = portion.anchor, portion.set_size, portion.set_id
+    return which, alternative_rows(draw, *which, portion.first), draw.tallies
+
+
+def _given(project: Project, name: str, planning: Planning, anchors: Mapping[str, Anchor]) -> Iterator[Drawn]:
+    """All sets, from the trajectories that are given."""
+    settings, partition = project.params.sample, project.params.compute.partition
+    pool = given_trajectories(project.path(str(settings.given)), planning.scene, planning.waypoints)
+    for label, (size, set_id) in product(anchors, _sets(settings)):
+        if size > len(pool):
+            raise StageError(
+                f"a set of {size} is wanted and sample.given has {len(pool)} trajectories; lower sample.sizes or "
+                "working_set"
+            )
+        rng = child_rng(project.params.seed, "sample", name, label, size, set_id)
+        chosen = rng.choice(len(pool), size, replace=False)
+        for first, count in cut(size, partition):
+            tally = Tally("given", count, 0, 0)
+            draw = Draw(pool[chosen[first : first + count]], ("given",) * count, (tally,))
+            yield (label, size, set_id), alternative_rows(draw, label, size, set_id, first), draw.tallies
 
 
 def depends_on(project: Project, name: str) -> list[object]:
     """The parameters that the tables depend on."""
     task = project.params.task(name)
-    settings = [project.params.sample, project.params.ingest.waypoints]
+    settings = [project.params.sample, project.params.ingest.waypoints, project.params.compute.partition]
     return [task.end_effector, task.surface, task.anchor, task.preferences, *settings]
 
 
@@ -80,14 +152,6 @@ def sampling_anchors(planning: Planning, demonstrations: pl.DataFrame) -> dict[s
     paths = demonstrations["waypoints"].to_numpy()
     ids = demonstrations["demonstration_id"].to_list()
     return {key: Anchor(path[0], path[-1]) for key, path in zip(ids, paths, strict=True)}
-
-
-def draw_set(planning: Planning, sampler: Sampler, rng: np.random.Generator, anchor: Anchor, size: int) -> Draw:
-    """One set of alternatives."""
-    lower, upper = planning.limits(anchor)
-    return draw_admissible(
-        sampler, rng, anchor, size, planning.waypoints, lower=lower, upper=upper, admissible=planning.admissible
-    )
 
 
 def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> Array:
@@ -113,15 +177,6 @@ def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> Array:
     return np.stack([to_branch(path, reference, scene.continuous) for path in paths])
 
 
-def _draw_given(pool: Array, rng: np.random.Generator, size: int) -> Draw:
-    """A set of `size` different ones of the given trajectories."""
-    if size > len(pool):
-        raise StageError(
-            f"a set of {size} is wanted and sample.given has {len(pool)} trajectories; lower sample.sizes or working_set"
-        )
-    return Draw(pool[rng.choice(len(pool), size, replace=False)], ("given",) * size, (Tally("given", size, 0, 0),))
-
-
 def _sets(settings: Sample) -> Iterator[tuple[int, str]]:
     yield settings.working_set, WORKING
     for size in settings.sizes:
@@ -145,7 +200,7 @@ def planned_sampler(
 ) -> Planner:
     """The planner, its paths planned once from `anchor`; they serve other anchors as deviations from the straight path."""
     scales = planning.preference_scales(child_rng(*stream, "scales"), anchor, Deformation())
-    lower, upper = planning.limits(anchor)
+    lower, upper = planning.room.limits(anchor)
     planned = optimise_paths(
         [child_rng(*stream, path) for path in range(count)],
         anchor,
@@ -159,11 +214,13 @@ def planned_sampler(
     return Planner(planned.waypoints, Deformation(settings.planner.width_rad, settings.deformation.modes))
 
 
-def alternative_rows(draw: Draw, anchor: str, size: int, set_id: str) -> pl.DataFrame:
-    """Rows of alternatives.parquet."""
+def alternative_rows(draw: Draw, anchor: str, size: int, set_id: str, first: int = 0) -> pl.DataFrame:
+    """Rows of alternatives.parquet, those of the set from `first` on; its ids are in the order of their places."""
+    digits = max(6, len(str(size - 1)))
+    places = range(first, first + len(draw.sampler))
     return pl.DataFrame(
         {
-            "alternative_id": [f"{anchor}/{size}/{set_id}/{place:06d}" for place in range(size)],
+            "alternative_id": [f"{anchor}/{size}/{set_id}/{place:0{digits}d}" for place in places],
             "anchor": anchor,
             "sampler": draw.sampler,
             "set_size": size,
@@ -173,15 +230,29 @@ def alternative_rows(draw: Draw, anchor: str, size: int, set_id: str) -> pl.Data
     )
 
 
-def sampling_rows(draw: Draw, anchor: str, size: int, set_id: str) -> pl.DataFrame:
+def added(tallies: Iterable[Tally]) -> tuple[Tally, ...]:
+    """The tallies of all portions of a set, one for each sampler, in alphabetical order."""
+    sums: dict[str, Tally] = {}
+    for one in tallies:
+        had = sums.get(one.sampler, Tally(one.sampler, 0, 0, 0))
+        sums[one.sampler] = Tally(
+            one.sampler,
+            had.proposed + one.proposed,
+            had.outside_limits + one.outside_limits,
+            had.inadmissible + one.inadmissible,
+        )
+    return tuple(sums[sampler] for sampler in sorted(sums))
+
+
+def sampling_rows(tallies: Sequence[Tally], anchor: str, size: int, set_id: str) -> pl.DataFrame:
     """Rows of sampling.parquet."""
     return pl.DataFrame(
         {
             "anchor": anchor,
             "set_size": size,
             "set_id": set_id,
-            "sampler": [tally.sampler for tally in draw.tallies],
-            "proposed": [tally.proposed for tally in draw.tallies],
-            "kept": [tally.kept for tally in draw.tallies],
+            "sampler": [tally.sampler for tally in tallies],
+            "proposed": [tally.proposed for tally in tallies],
+            "kept": [tally.kept for tally in tallies],
         }
     )

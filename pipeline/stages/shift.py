@@ -15,7 +15,7 @@ from pipeline.stages.planning import Planning
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.provenance import provenance
-from pipeline.stages.sample import alternative_rows, draw_set, planned_sampler, sampling_anchors, sampling_rows
+from pipeline.stages.sample import alternative_rows, planned_sampler, sampling_anchors, sampling_rows
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stores.tables import read_table, write_table
 from pipeline.trajectories.paths import Anchor
@@ -37,12 +37,11 @@ def run(project: Project, name: str) -> None:
             # planned anew from every anchor: what is clear of the surface from one may not be from another
             for set_id, sampler in _samplers(planning, settings, specs, anchor, seed, name).items():
                 for size in settings.sizes:
-                    draw = draw_set(
-                        planning, sampler, child_rng(seed, "shift", name, label, size, set_id), anchor, size
-                    )
+                    rng = child_rng(seed, "shift", name, label, size, set_id)
+                    draw = planning.room.draw(sampler, rng, anchor, size, planning.waypoints)
                     log_proposal = _log_proposal(sampler, draw, anchor)
                     rows.append(alternative_rows(draw, label, size, set_id).with_columns(log_proposal=log_proposal))
-                    shares.append(sampling_rows(draw, label, size, set_id))
+                    shares.append(sampling_rows(draw.tallies, label, size, set_id))
         stated = provenance(
             project, depends_on(project, name), [*scene_files(scene.path), source], seeded=True, model=model_hash(scene)
         )

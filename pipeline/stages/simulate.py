@@ -54,7 +54,7 @@ def run(project: Project, name: str) -> None:
                 rng = child_rng(seed, "simulate", name, person.name, "hand")
                 motion = demonstrate(
                     rng, path, person.skill, Hand(),
-                    lower=scene.lower, upper=scene.upper, admissible=planning.admissible,
+                    lower=scene.lower, upper=scene.upper, admissible=planning.room.admissible,
                 )  # fmt: skip
                 log = driver_messages(rng, motion, driver, FIRST_NS + place * SLOT_NS)
                 truth = dict(zip(preferences.names, (-person.theta / scales).tolist(), strict=True))

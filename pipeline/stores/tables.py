@@ -1,11 +1,17 @@
-"""Parquet tables that follow a schema of `schemas/`: checked when written and when read, whole or not at all."""
+"""Parquet tables that follow a schema of `schemas/`: checked when written and when read, whole or not at all.
+
+A table too large for memory is written and read in parts, which are the row groups of its one file.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from bisect import bisect_left, insort
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import IO, TYPE_CHECKING, Any, cast
 
 from pipeline.errors import TableError
 from pipeline.stores.whole import written_whole
@@ -14,9 +20,11 @@ from schemas import Column, TableSchema, schema
 if TYPE_CHECKING:
     import polars as pl
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 SCHEMA_KEY = b"lessbench.schema"
 PROVENANCE_KEY = b"lessbench.provenance"
+GROUPS = ("anchor", "set_size", "set_id")  # columns that say which set of alternatives a row belongs to
 
 
 def write_table(path: Path, name: str, table: pl.DataFrame, provenance: Mapping[str, object]) -> None:
@@ -31,16 +39,115 @@ def write_table(path: Path, name: str, table: pl.DataFrame, provenance: Mapping[
     Raises:
         TableError: a column is missing, unknown or of another type, a value is missing or NaN, or a key repeats.
     """
-    import pyarrow.parquet as pq
+    with table_writer(path, name, provenance) as writer:
+        writer.write(table)
 
-    contract = schema(name)
-    arrow = _conform(table, contract, path)
-    metadata = {
-        SCHEMA_KEY: json.dumps({"name": contract.name, "version": contract.version}).encode(),
-        PROVENANCE_KEY: json.dumps(provenance, sort_keys=True).encode(),
-    }
+
+@contextmanager
+def table_writer(path: Path, name: str, provenance: Mapping[str, object]) -> Iterator[TableWriter]:
+    """A table written part by part, of which only one is in memory; the file appears once all parts are written.
+
+    Args:
+        path, name, provenance: as in `write_table`.
+    """
     with written_whole(path) as stream:
-        pq.write_table(arrow.replace_schema_metadata(metadata), stream, compression="zstd")
+        writer = TableWriter(path, schema(name), provenance, stream)
+        try:
+            yield writer
+        finally:
+            writer.close()
+        if not writer.parts:
+            raise TableError(f"{path}: table {name!r} was given no rows, not even an empty part")
+
+
+class TableWriter:
+    """Parts of one table, each checked and written as one row group; made by `table_writer`."""
+
+    def __init__(self, path: Path, contract: TableSchema, provenance: Mapping[str, object], stream: IO[bytes]) -> None:
+        self._path, self._contract, self._stream = path, contract, stream
+        self._metadata = {
+            SCHEMA_KEY: json.dumps({"name": contract.name, "version": contract.version}).encode(),
+            PROVENANCE_KEY: json.dumps(provenance, sort_keys=True).encode(),
+        }
+        self._file: pq.ParquetWriter | None = None
+        self._keys = KeyRanges(path, contract)
+        self.parts = 0
+
+    def write(self, part: pl.DataFrame) -> None:
+        """Write the next rows.
+
+        Raises:
+            TableError: as `write_table`; or the part's columns differ from those of the first, or its keys, in order,
+                lie among those of another part.
+        """
+        import pyarrow.parquet as pq
+
+        arrow = _conform(part, self._contract, self._path).replace_schema_metadata(self._metadata)
+        if self._file is None:
+            self._file = pq.ParquetWriter(self._stream, arrow.schema, compression="zstd")
+        elif arrow.schema != self._file.schema:
+            raise TableError(
+                f"{self._path}: a part of table {self._contract.name!r} has the columns {', '.join(arrow.schema.names)} "
+                "in types or lengths that are not those of the first part"
+            )
+        self._keys.add(part)
+        self._file.write_table(arrow)
+        self.parts += 1
+
+    def close(self) -> None:
+        """Write the end of the file."""
+        if self._file is not None:
+            self._file.close()
+
+
+class KeyRanges:
+    """That no key is in two parts of a table, from the first and last key of each set of rows in each part.
+
+    Keys of a set of alternatives are in order, so the ranges of two parts do not meet; what is kept is a few words per
+    part, and not every key.
+    """
+
+    def __init__(self, path: Path, contract: TableSchema) -> None:
+        self._path, self._contract = path, contract
+        self._ranges: dict[tuple[object, ...], list[tuple[Any, Any]]] = {}
+
+    def add(self, part: pl.DataFrame) -> None:
+        """Note the keys of a part.
+
+        Raises:
+            TableError: they lie among those of an earlier part.
+        """
+        import polars as pl
+
+        *within, last = self._contract.key
+        sets = [name for name in GROUPS if name in part.columns and name not in self._contract.key]
+        ends = part.group_by(*within, *sets, pl.lit(0)).agg(low=pl.col(last).min(), high=pl.col(last).max())
+        ranges: dict[tuple[object, ...], list[tuple[Any, Any]]] = {}
+        for *where, low, high in ends.select(*within, "low", "high").iter_rows():
+            ranges.setdefault(tuple(where), []).append((low, high))
+        for prefix, found in ranges.items():
+            known = self._ranges.setdefault(prefix, [])
+            joined = _disjoint(found)
+            for low, high in joined:
+                place = bisect_left(known, (low, high))
+                if any(low <= end and begin <= high for begin, end in known[max(place - 1, 0) : place + 1]):
+                    raise TableError(
+                        f"{self._path}: a part of table {self._contract.name!r} has the {last} from {low!r} to {high!r}, "
+                        "among those of another part; each row is in one part, in order"
+                    )
+            for both in joined:
+                insort(known, both)
+
+
+def _disjoint(ranges: Sequence[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """The ranges in order, those that overlap joined."""
+    joined: list[tuple[Any, Any]] = []
+    for low, high in sorted(ranges):
+        if joined and low <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(high, joined[-1][1]))
+        else:
+            joined.append((low, high))
+    return joined
 
 
 def read_table(path: Path, name: str, columns: Sequence[str] | None = None) -> pl.DataFrame:
@@ -50,10 +157,58 @@ def read_table(path: Path, name: str, columns: Sequence[str] | None = None) -> p
         TableError: the file is missing, is not such a table, or breaks its schema.
     """
     import polars as pl
+
+    with _opened(path, schema(name)) as file:
+        table = pl.DataFrame(file.read())
+    _conform(table, schema(name), path)
+    return table if columns is None else table.select(columns)
+
+
+def part_rows(path: Path, name: str) -> tuple[int, ...]:
+    """How many rows each part of a table has, that is each row group of its file.
+
+    Raises:
+        TableError: the file is missing or is not such a table.
+    """
+    with _opened(path, schema(name)) as file:
+        metadata = file.metadata
+        return tuple(metadata.row_group(number).num_rows for number in range(metadata.num_row_groups))
+
+
+def read_part(path: Path, name: str, number: int, columns: Sequence[str] | None = None) -> pl.DataFrame:
+    """Read one part of a table, checked as far as the columns asked for go; all of them by default.
+
+    Raises:
+        TableError: as `read_table`.
+    """
+    import polars as pl
+
+    contract = schema(name)
+    with _opened(path, contract) as file:
+        present = file.schema_arrow.names
+        absent = [column for column in columns or () if column not in present]
+        if absent:
+            raise TableError(
+                f"{path}: table {name!r} lacks the column {absent[0]!r}; it has {', '.join(present)}; make it again "
+                "with `dvc repro`"
+            )
+        part = pl.DataFrame(file.read_row_group(number, columns=None if columns is None else list(columns)))
+    _conform(part, contract if columns is None else _narrowed(contract, columns), path)
+    return part if columns is None else part.select(columns)
+
+
+def _narrowed(contract: TableSchema, columns: Sequence[str]) -> TableSchema:
+    """The contract of some of the columns; without a column of the key, rows may repeat."""
+    kept = tuple(column for column in contract.columns if column.name in columns)
+    key = contract.key if set(contract.key) <= set(columns) else ()
+    return replace(contract, columns=kept, key=key)
+
+
+@contextmanager
+def _opened(path: Path, contract: TableSchema) -> Iterator[pq.ParquetFile]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    contract = schema(name)
     try:
         with path.open("rb") as stream, pq.ParquetFile(stream) as file:
             stated = _stated(file.schema_arrow.metadata or {}, path)
@@ -62,15 +217,13 @@ def read_table(path: Path, name: str, columns: Sequence[str] | None = None) -> p
                     f"{path}: holds table {stated[0]!r} version {stated[1]}, needed is {contract.name!r} version "
                     f"{contract.version}; make it again with `dvc repro`"
                 )
-            table = pl.DataFrame(file.read())
+            yield file
     except FileNotFoundError:
         raise TableError(f"{path}: there is no such file; run the stage that makes it with `dvc repro`") from None
     except (pa.ArrowInvalid, OSError) as error:
         raise TableError(
             f"{path}: cannot be read as Parquet ({_one_line(error)}); make it again with `dvc repro`"
         ) from None
-    _conform(table, contract, path)
-    return table if columns is None else table.select(columns)
 
 
 def read_provenance(path: Path) -> dict[str, object]:
@@ -91,6 +244,7 @@ def _stated(metadata: Mapping[bytes, bytes], path: Path) -> tuple[str, int]:
 
 
 def _conform(table: pl.DataFrame, contract: TableSchema, path: Path) -> pa.Table:
+    import polars as pl
     import pyarrow as pa
 
     known = {column.name: column for column in contract.columns}
@@ -112,7 +266,7 @@ def _conform(table: pl.DataFrame, contract: TableSchema, path: Path) -> pa.Table
         type_ = _arrow_type(table, name, column, lengths, path)
         arrays.append(table[name].to_arrow().cast(type_))
         fields.append(pa.field(name, type_, nullable=column.nullable))
-    repeated = table.select(contract.key).is_duplicated()
+    repeated = table.select(contract.key).is_duplicated() if contract.key else pl.Series([], dtype=pl.Boolean)
     if repeated.any():
         row = table.select(contract.key).row(int(repeated.arg_max() or 0), named=True)
         raise TableError(f"{path}: table {contract.name!r} has more than one row for {row}; each row is {contract.row}")
