@@ -10,7 +10,11 @@ from pipeline.replay.scene import Scene
 from pipeline.stages.ingest import demonstration
 from pipeline.stages.project import Project
 from pipeline.stages.scenes import load_task_scene
+from pipeline.stores.reasons import plain
 from pipeline.stores.recordings import RecordingReport, inspect_recording
+
+LONGEST_LINE = 4000  # characters
+LISTED = 200  # topics and metadata records
 
 
 def report(path: Path, project: Project | None, task: str | None) -> tuple[list[str], bool]:
@@ -22,11 +26,12 @@ def report(path: Path, project: Project | None, task: str | None) -> tuple[list[
     verdict = None if found.usable else f"{found.reason}: {found.detail}"
     if settings and scene and (verdict is None or settings.salvage):
         verdict = _refusal(path, scene, settings)
-    return [
+    lines = [
         f"{path}: {'usable' if verdict is None else f'cannot be used, {verdict}'}",
         *salvage,
         *_contents(found),
-    ], verdict is None
+    ]
+    return [plain(line, LONGEST_LINE) for line in lines], verdict is None
 
 
 def _refusal(path: Path, scene: Scene, settings: Ingest) -> str | None:
@@ -55,12 +60,14 @@ def _salvage(found: RecordingReport, scene: Scene | None, settings: Ingest | Non
 
 def _contents(found: RecordingReport) -> list[str]:
     lines = []
-    for topic in found.topics:
+    for topic in found.topics[:LISTED]:
         rate = f", {topic.rate_hz:.1f} Hz" if topic.rate_hz else ""
         kind = f"{topic.schema} in {topic.encoding}"
         lines.append(f"  {topic.topic}: {kind}, {topic.messages:,} messages, {topic.duration_s:.2f} s{rate}")
         if topic.joints:
             lines.append(f"    joints: {', '.join(topic.joints)}")
-    for name, record in found.metadata.items():
+    if len(found.topics) > LISTED:
+        lines.append(f"  and {len(found.topics) - LISTED:,} more topics")
+    for name, record in list(found.metadata.items())[:LISTED]:
         lines.append(f"  {name}: " + ", ".join(f"{key} = {value}" for key, value in record.items()))
     return lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,16 @@ from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import load_task_scene
+from pipeline.stores.reasons import plain, rejection
 from pipeline.stores.recording_writing import METADATA
 from pipeline.stores.recordings import read_joint_states
 from pipeline.stores.tables import write_table
 from pipeline.trajectories.timebase import demonstration_waypoints
 
 RESERVED = ("all", "task")  # what demonstration_id and anchor say of no single demonstration
+LONGEST_NAME = 200  # characters
+LONGEST_THETA = 10_000  # characters
+LARGEST_WEIGHT = 1e9
 REJECTED = {"source": pl.String, "reason": pl.String, "detail": pl.String}
 
 
@@ -46,7 +51,9 @@ def run(project: Project, name: str) -> None:
             try:
                 rows.append(demonstration(file, scene, settings))
             except RecordingError as error:
-                rejected.append({"source": file.name, "reason": error.reason, "detail": error.detail})
+                rejected.append(
+                    {"source": plain(file.name, LONGEST_NAME + 60), "reason": error.reason, "detail": error.detail}
+                )
         stated = provenance(
             project, depends_on(project, name), [*files, *scene_files(scene.path)], model=model_hash(scene)
         )
@@ -78,11 +85,7 @@ def demonstration(file: Path, scene: Scene, settings: Ingest) -> dict[str, Any]:
     Raises:
         RecordingError: the recording cannot be used.
     """
-    if file.stem in RESERVED:
-        raise RecordingError(
-            "reserved-name",
-            f"A recording cannot be called {file.stem}, which tables use for all of them; rename the file.",
-        )
+    _check_name("A recording", file.stem, "rename the file")
     recording = read_joint_states(file, joints=scene.joints, salvage=settings.salvage)
     time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
     reference = recording.positions[0] if scene.start is None else scene.start
@@ -90,9 +93,12 @@ def demonstration(file: Path, scene: Scene, settings: Ingest) -> dict[str, Any]:
         time_s, recording.positions, scene.continuous, reference, settings.waypoints, settings.idle_rad
     )
     stated = recording.metadata.get(METADATA, {})
+    participant = stated.get("participant", file.stem)
+    _check_name("A participant", participant, f"change it in the recording's metadata record {METADATA!r}")
+    _check_true_theta(stated.get("true_theta"))
     return {
         "demonstration_id": file.stem,
-        "participant": stated.get("participant", file.stem),
+        "participant": participant,
         "source": file.name,
         "simulated": stated.get("simulated") == "true",
         "true_theta": stated.get("true_theta"),
@@ -102,6 +108,37 @@ def demonstration(file: Path, scene: Scene, settings: Ingest) -> dict[str, Any]:
         "lost": recording.lost,
         "waypoints": path,
     }
+
+
+def _check_name(whose: str, name: str, remedy: str) -> None:
+    if name in RESERVED:
+        raise rejection(
+            "reserved-name", f"{whose} cannot be called {name}, which tables use for all of them; {remedy}."
+        )
+    if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+        raise rejection(
+            "reserved-name",
+            f"{whose} cannot be called {name!r}; a name has 1 to {LONGEST_NAME} printable characters, {remedy}.",
+        )
+
+
+def _check_true_theta(text: str | None) -> None:
+    """What a simulated participant wanted must be weights by feature, as later stages compute with them."""
+    if text is None:
+        return
+    try:
+        weights = json.loads(text) if len(text) <= LONGEST_THETA else None
+    except (ValueError, RecursionError):
+        weights = None
+    if not isinstance(weights, dict) or not all(
+        isinstance(weight, int | float) and not isinstance(weight, bool) and abs(weight) <= LARGEST_WEIGHT
+        for weight in weights.values()
+    ):
+        raise rejection(
+            "bad-metadata",
+            f"The recording states true_theta as {text!r}; it must be a JSON object, feature name to a weight between "
+            f"-{LARGEST_WEIGHT:g} and {LARGEST_WEIGHT:g}.",
+        )
 
 
 def _refusal(project: Project, name: str, rejected: list[dict[str, str]], total: int) -> str:

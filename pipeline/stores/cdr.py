@@ -9,7 +9,7 @@ elements.
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,30 +53,30 @@ class _Layout:
         return (slice(0, _HEADER), *(slice(start, stop) for start, stop in spans))
 
 
-def decode_joint_states(payloads: NDArray[np.uint8]) -> list[tuple[NDArray[np.intp], JointBlock]]:
+def decode_joint_states(payloads: NDArray[np.uint8]) -> Iterator[tuple[NDArray[np.intp], JointBlock]]:
     """Decode messages of equal length, all that share a layout in one step.
 
     Args:
         payloads: (k, n) bytes, one message a row.
 
-    Returns:
+    Yields:
         The rows each block holds, ascending, and the block; messages without positions give a block of no joints.
 
     Raises:
         RecordingError: corrupt, unsupported-encoding.
     """
-    blocks: list[tuple[NDArray[np.intp], JointBlock]] = []
     rest = np.arange(len(payloads))
-    while len(rest) and len(blocks) < _SHARED_LAYOUTS:
+    for _ in range(_SHARED_LAYOUTS):
+        if not len(rest):
+            return
         rows = payloads[rest]
         layout = _layout(rows[0].tobytes())
         same = np.logical_and.reduce([(rows[:, span] == rows[0, span]).all(axis=1) for span in layout.fixed()])
-        blocks.append((rest[same], _block(rows[same], layout)))
+        yield rest[same], _block(rows[same], layout)
         rest = rest[~same]
     # a bag has a layout per driver; looking for the mates of each message would be quadratic where every one differs
     for row in rest[:, None]:
-        blocks.append((row, _block(payloads[row], _layout(payloads[row].tobytes()))))
-    return blocks
+        yield row, _block(payloads[row], _layout(payloads[row].tobytes()))
 
 
 def _block(payloads: NDArray[np.uint8], layout: _Layout) -> JointBlock:

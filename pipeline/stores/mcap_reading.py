@@ -30,6 +30,8 @@ MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")  # opcode, length of the body
 _CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _LOOSE_BLOCK_BYTES = 1 << 20
+_FILTER = "keep only the joint states with `mcap filter --include-topic-regex`"
+_RECORD_STEPS, _CHUNK_STEPS = 4, 40
 _RECOVER = "set ingest.salvage to use what stands before"
 
 Record = TypeVar("Record")
@@ -62,18 +64,68 @@ class Limits:
         chunk_bytes: longest chunk, inflated.
         total_bytes: all chunks and loose records together, inflated.
         ratio: inflated over stored size of a chunk that inflates to more than `ratio_floor_bytes`.
+        declared_bytes: all schemas, channels and metadata records together.
         joint_states: messages on one JointState channel.
+        joint_values: positions in all JointState messages together.
+        steps: what is looked at one by one: a record that is unlike the one before it is 1 step, an opened chunk or a new
+            layout of messages about as many as the time it takes.
     """
 
     record_bytes: int = 64 << 20
-    chunk_bytes: int = 256 << 20
+    chunk_bytes: int = 64 << 20
     total_bytes: int = 1 << 30
     ratio: int = 1000
     ratio_floor_bytes: int = 4 << 20
+    declared_bytes: int = 16 << 20
     joint_states: int = 2_000_000
+    joint_values: int = 16_000_000
+    steps: int = 1_000_000
 
 
-def scan(path: Path, limits: Limits) -> Iterator[tuple[int, bytes]]:
+class Meter:
+    """Counts what reading one file costs, and refuses what goes beyond the limits."""
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self._inflated = self._declared = self._values = self._steps = 0
+
+    def inflate(self, size: int) -> None:
+        """Pay for `size` bytes of records."""
+        self._inflated += size
+        if self._inflated > self.limits.total_bytes:
+            raise rejection("too-large", f"The file inflates to more than {self.limits.total_bytes} bytes; {_FILTER}.")
+
+    def declare(self, size: int) -> None:
+        """Pay for a schema, channel or metadata record of `size` bytes."""
+        self._declared += size
+        if self._declared > self.limits.declared_bytes:
+            raise rejection(
+                "too-large",
+                f"The file holds more than {self.limits.declared_bytes} bytes of schemas, channels and metadata; {_FILTER}.",
+            )
+
+    def hold(self, values: int) -> None:
+        """Pay for `values` positions that are kept."""
+        self._values += values
+        if self._values > self.limits.joint_values:
+            raise rejection(
+                "too-large",
+                f"The file holds more than {self.limits.joint_values} joint positions; "
+                "cut the recording to one demonstration.",
+            )
+
+    def step(self, count: int = 1) -> None:
+        """Pay for `count` steps."""
+        self._steps += count
+        if self._steps > self.limits.steps:
+            raise rejection(
+                "too-large",
+                f"The file takes more than {self.limits.steps} steps to read, for its many small or differing records; "
+                f"{_FILTER}.",
+            )
+
+
+def scan(path: Path, meter: Meter) -> Iterator[tuple[int, bytes]]:
     """Walk a whole MCAP file, checking magic, framing and every CRC it carries.
 
     Yields:
@@ -90,7 +142,7 @@ def scan(path: Path, limits: Limits) -> Iterator[tuple[int, bytes]]:
         raise rejection("unreadable", f"{path} is not a regular file; give an .mcap file.")
     try:
         with path.open("rb") as file:
-            yield from _scan(file, os.fstat(file.fileno()).st_size, limits)
+            yield from _scan(file, os.fstat(file.fileno()).st_size, meter)
     except OSError as error:
         raise rejection("unreadable", f"{path} cannot be read: {error.strerror or error}.") from error
 
@@ -113,34 +165,36 @@ class _Body(ReadDataStream):
         return data
 
 
-def _scan(file: BinaryIO, size: int, limits: Limits) -> Iterator[tuple[int, bytes]]:
+def _scan(file: BinaryIO, size: int, meter: Meter) -> Iterator[tuple[int, bytes]]:
     magic = file.read(len(MAGIC))
     if magic != MAGIC:
         raise rejection("not-mcap", "The file does not start with the MCAP magic; only MCAP recordings can be read.")
     crc = zlib.crc32(magic)
-    in_data, total, loose, unchecked = True, 0, bytearray(), 0
+    in_data, loose, unchecked = True, bytearray(), 0
     opcode = None
     while opcode != Opcode.FOOTER:
         first = opcode is None
         try:
-            frame, opcode, body = _record(file, size, limits)
+            frame, opcode, body = _record(file, size, meter.limits)
         except CutOff as cut:
             if loose:
-                _spend(total, len(loose), limits)
+                meter.inflate(len(loose))
                 yield Opcode.CHUNK, bytes(loose)
             cut.in_data, cut.unchecked = in_data, unchecked if in_data else 0
             raise
+        meter.step(_RECORD_STEPS)
         if first and opcode != Opcode.HEADER:
             raise rejection("corrupt", f"The file starts with a record of type {opcode} where the header should be.")
         if loose and (opcode not in _CONTENT or len(loose) >= _LOOSE_BLOCK_BYTES):
-            total = _spend(total, len(loose), limits)
+            meter.inflate(len(loose))
             yield Opcode.CHUNK, bytes(loose)
             loose.clear()
         if opcode == Opcode.CHUNK and in_data:
             chunk = parse(Chunk.read, body)
-            total = _spend(total, chunk.uncompressed_size, limits)
+            meter.step(_CHUNK_STEPS)
+            meter.inflate(chunk.uncompressed_size)
             unchecked += 0 if chunk.uncompressed_crc else chunk.uncompressed_size
-            yield Opcode.CHUNK, inflate(chunk, limits)
+            yield Opcode.CHUNK, inflate(chunk, meter.limits)
         elif opcode in _CONTENT and in_data:
             loose += frame + body
             unchecked += len(frame) + len(body)
@@ -187,23 +241,12 @@ def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[bytes, int, byte
     if length > limits.record_bytes:
         raise rejection(
             "too-large",
-            f"The record at byte {offset} has {length} bytes, at most {limits.record_bytes} are read; "
-            "keep only the joint states with `mcap filter --include-topic-regex`.",
+            f"The record at byte {offset} has {length} bytes, at most {limits.record_bytes} are read; {_FILTER}.",
         )
     body = file.read(length)
     if len(body) < length:
         raise CutOff(f"The file shrank while it was read, at byte {offset}.", offset, len(frame) + len(body))
     return frame, opcode, body
-
-
-def _spend(total: int, more: int, limits: Limits) -> int:
-    if total + more > limits.total_bytes:
-        raise rejection(
-            "too-large",
-            f"The file inflates to more than {limits.total_bytes} bytes; "
-            "keep only the joint states with `mcap filter --include-topic-regex`.",
-        )
-    return total + more
 
 
 def _match_crc(what: str, stated: int, computed: int) -> None:

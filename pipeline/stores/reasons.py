@@ -18,15 +18,26 @@ Reason = Literal[
     "ambiguous-topic",  # several topics could be meant
     "joints-missing",  # a joint that is asked for is not recorded, or not in every message
     "not-finite",  # a position is NaN or infinite
-    "out-of-range",  # a position is beyond what any joint reaches
+    "out-of-range",  # a position is beyond what any joint reaches, or the times beyond what one demonstration takes
     "too-few-messages",  # fewer than two poses
     "time-not-increasing",  # two different poses at one time, or time runs backwards
-    "reserved-name",  # the file is named like a word that tables use for something else
+    "reserved-name",  # the file or its participant has a name that tables cannot use or use for something else
+    "bad-metadata",  # what the recording says of itself is not what it may say
     "does-not-move",  # the arm never leaves its first pose (found while trimming, pipeline.trajectories.timebase)
 ]
 REASONS: tuple[Reason, ...] = get_args(Reason)
+LONGEST_DETAIL = 2000  # characters
+_LEFT_OUT = " [...] "
 
 
 def rejection(reason: Reason, detail: str) -> RecordingError:
-    """The error for one of the `REASONS`, with a sentence for a person."""
-    return RecordingError(reason, detail)
+    """The error for one of the `REASONS`, with a sentence for a person; what it quotes from a file is made harmless."""
+    return RecordingError(reason, plain(detail, LONGEST_DETAIL))
+
+
+def plain(text: str, longest: int) -> str:
+    """`text` on one line, without what a terminal would obey, its middle left out where it is too long."""
+    if not text.isprintable():
+        text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    half = (longest - len(_LEFT_OUT)) // 2
+    return text if len(text) <= longest else f"{text[:half]}{_LEFT_OUT}{text[-half:]}"

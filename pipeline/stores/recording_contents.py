@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Metadata, Schema, Statistics
+from mcap.records import Channel, Header, Metadata, Schema
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from pipeline.stores.cdr import JointBlock, decode_joint_states
-from pipeline.stores.mcap_reading import FRAME, CutOff, Limits, parse, scan
+from pipeline.stores.mcap_reading import FRAME, CutOff, Limits, Meter, parse, scan
 from pipeline.stores.reasons import rejection
 
 JOINT_STATE_SCHEMAS = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
@@ -21,7 +21,9 @@ _MESSAGE_HEAD = 22  # channel id u2, sequence u4, log time u8, publish time u8
 _CHANNEL_AT, _LOG_TIME_AT = FRAME.size, FRAME.size + 6
 _PAYLOAD_AT = FRAME.size + _MESSAGE_HEAD
 _CHANNEL_ID = struct.Struct("<H")
-_METADATA_BYTES = 4 << 20
+_MESSAGE_COUNT = struct.Struct("<Q")
+_DECODED_BYTES = 8 << 20  # of messages that are decoded together
+_LAYOUT_STEPS, _MAP_ENTRY_BYTES = 40, 8
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,6 @@ class Contents:
     _declared: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _stated: int | None = None
     _place: int = 0
-    _metadata_bytes: int = 0
 
     def read(self, path: Path, limits: Limits) -> None:
         """Read the whole file at `path`.
@@ -81,8 +82,9 @@ class Contents:
             RecordingError: anything `mcap_reading.scan` raises, corrupt, unsupported-encoding or too-large.
         """
         try:
-            for opcode, body in scan(path, limits):
-                self._take(opcode, body, limits)
+            meter = Meter(limits)
+            for opcode, body in scan(path, meter):
+                self._take(opcode, body, meter)
         except CutOff as cut:
             self.cut = cut
             raise
@@ -94,27 +96,28 @@ class Contents:
         """How many messages were read, on all channels."""
         return sum(channel.messages for channel in self.channels.values())
 
-    def _take(self, opcode: int, body: bytes, limits: Limits) -> None:
+    def _take(self, opcode: int, body: bytes, meter: Meter) -> None:
         if opcode == Opcode.CHUNK:
-            self._take_block(body, limits)
+            self._take_block(body, meter)
         elif opcode == Opcode.METADATA:
-            self._take_metadata(body)
+            self._take_metadata(body, meter)
         elif opcode == Opcode.HEADER:
             header = parse(Header.read, body)
             self.profile, self.library = header.profile, header.library
         elif opcode == Opcode.STATISTICS:
-            self._stated = parse(Statistics.read, body).message_count
+            if len(body) < _MESSAGE_COUNT.size:
+                raise rejection("corrupt", f"A statistics record has {len(body)} bytes, too few for its counts.")
+            self._stated = _MESSAGE_COUNT.unpack_from(body)[0]
 
-    def _take_metadata(self, body: bytes) -> None:
-        self._metadata_bytes += len(body)
-        if self._metadata_bytes > _METADATA_BYTES:
-            raise rejection("too-large", f"The file holds more than {_METADATA_BYTES} bytes of metadata records.")
+    def _take_metadata(self, body: bytes, meter: Meter) -> None:
+        meter.declare(len(body))
+        meter.step(len(body) // _MAP_ENTRY_BYTES)
         record = parse(Metadata.read, body)
         self.metadata.setdefault(record.name, {}).update(record.metadata)
 
-    def _take_block(self, data: bytes, limits: Limits) -> None:
+    def _take_block(self, data: bytes, meter: Meter) -> None:
         view = np.frombuffer(data, np.uint8)
-        for (channel_id, stride), offsets in self._messages(data, view).items():
+        for (channel_id, stride), offsets in self._messages(data, view, meter).items():
             channel = self.channels[channel_id]
             at = np.array(offsets)
             log_ns = sliding_window_view(view, 8)[at + _LOG_TIME_AT].view("<u8")[:, 0]
@@ -126,19 +129,24 @@ class Contents:
             channel.messages += len(at)
             if not channel.has_joint_states:
                 continue
-            if channel.messages > limits.joint_states:
+            if channel.messages > meter.limits.joint_states:
                 raise rejection(
                     "too-large",
-                    f"Topic {channel.topic} has more than {limits.joint_states} messages; "
+                    f"Topic {channel.topic} has more than {meter.limits.joint_states} messages; "
                     "cut the recording to one demonstration.",
                 )
-            payloads = sliding_window_view(view, stride)[at][:, _PAYLOAD_AT:]
             place, logged = self._place + at, log_ns.astype(np.int64)
-            for rows, states in decode_joint_states(payloads):
-                channel.blocks.append(LoggedBlock(place[rows], logged[rows], states))
+            together = max(1, _DECODED_BYTES // stride)
+            for start in range(0, len(at), together):
+                part = slice(start, start + together)
+                payloads = sliding_window_view(view, stride)[at[part]][:, _PAYLOAD_AT:]
+                for rows, states in decode_joint_states(payloads):
+                    meter.step(_LAYOUT_STEPS + len(states.names))
+                    meter.hold(states.positions.size)
+                    channel.blocks.append(LoggedBlock(place[part][rows], logged[part][rows], states))
         self._place += len(data)
 
-    def _messages(self, data: bytes, view: NDArray[np.uint8]) -> dict[tuple[int, int], list[int]]:
+    def _messages(self, data: bytes, view: NDArray[np.uint8], meter: Meter) -> dict[tuple[int, int], list[int]]:
         """Where the messages start, by channel and record length; schemas and channels are taken on the way."""
         found: dict[tuple[int, int], list[int]] = {}
         at = 0
@@ -158,11 +166,12 @@ class Contents:
                 count = _run(data, view, at, stride)
                 found.setdefault((channel_id, stride), []).extend(range(at, at + count * stride, stride))
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._declare(opcode, data[at + FRAME.size : at + stride])
+                self._declare(opcode, data[at + FRAME.size : at + stride], meter)
+            meter.step()
             at += count * stride
         return found
 
-    def _declare(self, opcode: int, body: bytes) -> None:
+    def _declare(self, opcode: int, body: bytes, meter: Meter) -> None:
         if len(body) < _CHANNEL_ID.size:
             raise rejection("corrupt", "A schema or channel record is too short for its id.")
         key = (opcode, _CHANNEL_ID.unpack_from(body)[0])
@@ -171,10 +180,13 @@ class Contents:
                 kind = "schema" if opcode == Opcode.SCHEMA else "channel"
                 raise rejection("corrupt", f"The {kind} id {key[1]} is declared twice, differently.")
             return
+        meter.declare(len(body))
+        meter.step(_LAYOUT_STEPS)
         if opcode == Opcode.SCHEMA:
             schema = parse(Schema.read, body)
             self._schemas[schema.id] = schema.name
         else:
+            meter.step(len(body) // _MAP_ENTRY_BYTES)
             channel = parse(Channel.read, body)
             if channel.schema_id and channel.schema_id not in self._schemas:
                 raise rejection(

@@ -33,6 +33,7 @@ __all__ = [
 ]
 
 Clock = Literal["header", "log"]
+LONGEST_S = 30 * 86_400  # from the first pose to the last; also what float seconds still resolve to a nanosecond
 FARTHEST = 1e6  # rad or m; a position beyond it is a mistake in the file, and would make MuJoCo overflow
 _LISTED = 32  # names in a message
 
@@ -297,6 +298,13 @@ def _poses(
             "time-not-increasing",
             f"Pose {row + 2} on {topic} comes {step_ns[row] / 1e9:g} s after the pose before it by its {clock} time; "
             "times must increase.",
+        )
+    span_s = (int(time_ns[-1]) - int(time_ns[0])) / 1e9
+    if span_s > LONGEST_S:
+        raise rejection(
+            "out-of-range",
+            f"The poses on {topic} span {span_s / 86_400:.4g} days by their {clock} time; one demonstration takes at most "
+            f"{LONGEST_S / 86_400:g}.",
         )
     return time_ns, positions, clock
 

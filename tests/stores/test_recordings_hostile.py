@@ -164,7 +164,37 @@ def test_the_sum_of_chunks_and_the_number_of_messages_are_limited(tmp_path: Path
     assert reason_of(tmp_path, content, limits=Limits(joint_states=199)) == "too-large"
     assert reason_of(tmp_path, file_of(*DECLARED, *MESSAGES), limits=Limits(record_bytes=100)) == "too-large"
     metadata = record(12, text("m") + struct.pack("<I", 8 + (1 << 20)) + text("k") + text("v" * ((1 << 20) - 1)))
-    assert reason_of(tmp_path, file_of(*[metadata] * 5)) == "too-large"
+    assert reason_of(tmp_path, file_of(*[metadata] * 17)) == "too-large"
+    joints = [f"j{i}" for i in range(250)]
+    poses = [message_record(payload(joints, range(250), START + i), START + i) for i in range(40)]
+    assert reason_of(tmp_path, file_of(*DECLARED, *poses), limits=Limits(joint_values=9_999)) == "too-large"
+
+
+def test_the_number_of_small_records_is_limited(tmp_path: Path) -> None:
+    nothing = struct.pack("<BQ", 0x80, 0)
+    limits = Limits(steps=20_000)
+    assert reason_of(tmp_path, file_of(*[nothing] * 5_001), limits=limits) == "too-large"
+    assert reason_of(tmp_path, file_of(plain_chunk(nothing * 20_001)), limits=limits) == "too-large"
+    assert reason_of(tmp_path, file_of(*[plain_chunk()] * 600), limits=limits) == "too-large"
+    differing = [message_record(payload([f"{i:05}"], [0.0], START + i), START + i) for i in range(600)]
+    assert reason_of(tmp_path, file_of(plain_chunk(*DECLARED, *differing)), limits=limits) == "too-large"
+    channels = [channel_record(i, topic=f"/{i}") for i in range(2, 600)]
+    assert reason_of(tmp_path, file_of(plain_chunk(*DECLARED, *channels)), limits=limits) == "too-large"
+
+
+def test_a_recording_longer_than_a_month_is_no_demonstration(tmp_path: Path) -> None:
+    days = [message_record(payload(NAMES, [i, 0, 0], START + i * 31 * 86_400 * 10**9), START + i) for i in range(2)]
+    assert reason_of(tmp_path, file_of(*DECLARED, *days)) == "out-of-range"
+
+
+def test_what_is_quoted_from_a_file_cannot_speak_to_a_terminal(tmp_path: Path) -> None:
+    path = tmp_path / "loud.mcap"
+    path.write_bytes(file_of(schema_record(), channel_record(topic="/\x1b]0;mine\x07\n" + "a" * 100_000, schema_id=0)))
+    with pytest.raises(RecordingError) as caught:
+        read_joint_states(path)
+    assert caught.value.reason == "no-joint-states"
+    assert caught.value.detail.isprintable()
+    assert len(caught.value.detail) <= 2000
 
 
 def test_a_chunk_of_very_many_different_records_stays_cheap(tmp_path: Path) -> None:
