@@ -14,8 +14,11 @@ from pathlib import Path
 from pipeline import params
 from pipeline.errors import ParameterError
 from pipeline.params import Params, Task
+from pipeline.stores.parent import end_with_parent
+from pipeline.stores.whole import held, written_whole
 
 RUNS = ".lessbench/runs"
+LOCKS = ".lessbench/locks"
 WORKING = "working"  # the set_id of the set that is shown
 STUDIES = "studies"  # stands where a task's name would, for tables of no task
 
@@ -98,14 +101,19 @@ class Run:
 
 @contextmanager
 def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
-    """Time a stage and keep a record of it for `lessbench summary`; nothing is kept when it fails."""
+    """Run a stage alone, time it and keep a record of it for `lessbench summary`; nothing is kept when it fails.
+
+    Raises:
+        StageError: the same stage is running elsewhere, or a file cannot be written.
+    """
     run = Run(stage, task)
-    begin = time.perf_counter()
-    yield run
-    run.seconds = time.perf_counter() - begin
-    target = project.root / RUNS / f"{stage}@{task}.json"
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(json.dumps({**run.__dict__, "finished": time.time()}), encoding="utf-8")
+    end_with_parent()
+    with held(project.root / LOCKS / f"{stage}@{task}", f"{stage} {task}"):
+        begin = time.perf_counter()
+        yield run
+        run.seconds = time.perf_counter() - begin
+        with written_whole(project.root / RUNS / f"{stage}@{task}.json") as stream:
+            stream.write(json.dumps({**run.__dict__, "finished": time.time()}).encode())
     for note in run.notes:
         print(f"{stage} {task}: {note}", file=sys.stderr)  # noqa: T201
 

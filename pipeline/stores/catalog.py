@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, cast
 
 from pipeline.errors import QueryError
 from pipeline.stores.catalog_views import FILES, INPUTS, PROVENANCE_TABLES, VIEWS, View
+from pipeline.stores.whole import cannot_write, path_written_whole
 from schemas import Column, TableSchema, schema
 
 if TYPE_CHECKING:
@@ -69,24 +70,31 @@ def build_catalog(
     """
     import duckdb
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.partial")
-    partial.unlink(missing_ok=True)
-    try:
-        rows = {}
-        # one thread: rows keep their order and sums their last digits
-        with duckdb.connect(partial, config={"threads": 1, "autoinstall_known_extensions": False}) as con:
-            for name, files in tables.items():
-                rows[name] = _add_table(con, schema(name), files)
-            _add_sources(con, sources)
-            for name, view in VIEWS.items():
-                if set(view.tables) <= set(tables):
-                    _add_view(con, name, view)
-            con.execute("checkpoint")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-        partial.with_name(f"{partial.name}.wal").unlink(missing_ok=True)
+    with path_written_whole(path) as partial:
+        try:
+            rows = _fill(partial, tables, sources)
+        except duckdb.IOException as error:
+            raise cannot_write(path, OSError(None, " ".join(str(error).split()))) from None
+        finally:
+            partial.with_name(f"{partial.name}.wal").unlink(missing_ok=True)
+    return rows
+
+
+def _fill(
+    path: Path, tables: Mapping[str, Sequence[tuple[str | None, Path]]], sources: Sequence[SourceFile]
+) -> dict[str, int]:
+    import duckdb
+
+    rows = {}
+    # one thread: rows keep their order and sums their last digits
+    with duckdb.connect(path, config={"threads": 1, "autoinstall_known_extensions": False}) as con:
+        for name, files in tables.items():
+            rows[name] = _add_table(con, schema(name), files)
+        _add_sources(con, sources)
+        for name, view in VIEWS.items():
+            if set(view.tables) <= set(tables):
+                _add_view(con, name, view)
+        con.execute("checkpoint")
     return rows
 
 

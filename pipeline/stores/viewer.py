@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline.errors import StageError
+from pipeline.stores.whole import path_written_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,23 +65,20 @@ def written_recording(path: Path, name: str, layout: Blueprint) -> Iterator[Reco
     """
     import rerun as rr
 
-    partial = path.with_name(f".{path.name}.partial")
     # one chunk per call, cut by nothing that depends on time or speed: equal inspections give equal contents
     whole = rr.ChunkBatcherConfig(flush_tick=1e6, flush_num_bytes=1 << 40, flush_num_rows=1 << 40)
     recording = rr.RecordingStream(f"lessbench {name}", recording_id=name, send_properties=False, batcher_config=whole)
     strict = rr.strict_mode()
-    try:
-        rr.set_strict_mode(True)  # otherwise data that cannot be shown is left out with a warning
-        recording.set_log_time_enabled(False)
-        recording.save(partial, default_blueprint=layout)
-        yield recording
-        recording.flush(timeout_sec=30)
-        recording.disconnect()
-        partial.replace(path)
-    finally:
-        rr.set_strict_mode(strict)
-        recording.disconnect()
-        partial.unlink(missing_ok=True)
+    with path_written_whole(path) as partial:
+        try:
+            rr.set_strict_mode(True)  # otherwise data that cannot be shown is left out with a warning
+            recording.set_log_time_enabled(False)
+            recording.save(partial, default_blueprint=layout)
+            yield recording
+            recording.flush(timeout_sec=30)
+        finally:
+            rr.set_strict_mode(strict)
+            recording.disconnect()
 
 
 def open_viewer(path: Path) -> None:

@@ -1,0 +1,55 @@
+"""A stage that DVC started ends when DVC ends: what is left of a killed run must not write into the next one."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+
+from pipeline.errors import StageError
+
+_BY_DVC = "DVC_STAGE" in os.environ
+_SHELLS = {"sh", "bash", "dash", "zsh", "fish", "ksh"}
+_LOOK_S = 0.5
+
+
+def _lineage() -> tuple[int, ...]:
+    """The parent's process id, and its parent's if it is the shell that DVC starts a command with."""
+    parent = os.getppid()
+    try:
+        name, _, rest = Path(f"/proc/{parent}/stat").read_text().partition("(")[2].rpartition(")")
+    except OSError:  # it has just ended, or there is no /proc here
+        return (parent,)
+    return (parent, int(rest.split()[1])) if name in _SHELLS else (parent,)
+
+
+_STARTED_BY = _lineage()
+
+
+def require_parent() -> None:
+    """Go on only if the run that this process belongs to still exists.
+
+    Raises:
+        StageError: DVC started this stage and has ended.
+    """
+    if _orphaned():
+        raise StageError("the `dvc repro` that started this stage has ended, so nothing was written; run it again")
+
+
+def end_with_parent() -> None:
+    """From now on, end this process as soon as the DVC that started it is gone. Files appear whole: nothing is torn."""
+    if _BY_DVC:
+        threading.Thread(target=_watch, name="end-with-parent", daemon=True).start()
+
+
+def _watch() -> None:
+    while not _orphaned():
+        time.sleep(_LOOK_S)
+    print("lessbench: the `dvc repro` that started this stage has ended; so does the stage", file=sys.stderr)  # noqa: T201
+    os._exit(1)
+
+
+def _orphaned() -> bool:
+    return _BY_DVC and _lineage() != _STARTED_BY
