@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.choice import entropy
@@ -12,15 +13,20 @@ from pipeline.params import Task
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene
-from pipeline.stages.project import Project, recorded_run
+from pipeline.stages.project import WORKING, Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
 from pipeline.stages.task_view import TaskView, task_view
+from pipeline.stores.tables import read_table
 from pipeline.stores.viewer import write_inspection
-from pipeline.stores.viewer_data import Inspection, Replay
+from pipeline.stores.viewer_data import AlternativeSet, FeatureSpace, Inspection, Replay
 from pipeline.studies.inspection import replay_samples
+from pipeline.trajectories.streams import child_rng
 
 Floats = NDArray[np.float64]
-PATHS = 150  # alternatives that are drawn; more hide each other and the scene
+REGIMES, MODELS = ("independent", "sampler-shift"), ("boltzmann", "less")
+PATHS = 150  # of one set that are drawn; more hide each other and the scene
+POINTS = 2000  # alternatives in the cube of three features
+AXES = 3
 
 
 def run(project: Project, name: str) -> None:
@@ -29,29 +35,89 @@ def run(project: Project, name: str) -> None:
     with recorded_run(project, "inspect", name) as record:
         scene = load_task_scene(project, task)
         path = project.datasets / name / "inspect.rrd"
-        write_inspection(path, _inspection(project, name, task, scene))
+        write_inspection(path, inspection(project, name, task, scene))
         record.produced = f"{path.stat().st_size / 1e6:.1f} MB"
 
 
-def _inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspection:
+def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspection:
+    """What the recording of a task shows, from its tables.
+
+    Raises:
+        TableError: a table is missing or not what it should be.
+    """
     view = task_view(project, name)
     tip = scene.end_effector
     paths = view.demonstrations["waypoints"].to_numpy()
-    drawn = view.alternatives["waypoints"].to_numpy()[:PATHS].astype(np.float64)
     return Inspection(
         task=name,
         replay=_replay(scene, paths, view.demonstrations["duration_s"].to_numpy()),
         demonstration_ids=tuple(view.demonstrations["demonstration_id"]),
         demonstration_paths=body_positions(scene, paths, [tip])[tip],
-        alternative_paths=body_positions(scene, drawn, [tip])[tip],
-        alternative_log_weights=view.log_weights[:PATHS],
+        alternatives=_alternatives(project, name, scene, view),
         curves=view.curves,
         map=view.map,
+        space=_space(project, name, view),
         theta_labels=view.labels,
         theta_meaning=view.meaning,
         posteriors={model: np.stack([b.marginal_theta for b in steps]) for model, steps in view.beliefs.items()},
+        robustness=_robustness(project, name),
         summary=_summary(project, name, task, view),
     )
+
+
+def _alternatives(project: Project, name: str, scene: Scene, view: TaskView) -> tuple[AlternativeSet, ...]:
+    """The working set, which is shown, and the independent sets, which wait to be selected; of each a seeded share."""
+    working = view.alternatives.with_columns(log_weight=pl.Series(view.log_weights))
+    found = []
+    for rows in (working, *view.independent.partition_by("set_size", "set_id", maintain_order=True)):
+        size, set_id = rows.select("set_size", "set_id").row(0)
+        drawn = rows[_some(project, rows.height, PATHS, name, int(size), str(set_id))]
+        paths = body_positions(scene, drawn["waypoints"].to_numpy().astype(np.float64), [scene.end_effector])
+        shown = set_id == WORKING
+        found.append(
+            AlternativeSet(
+                name=(WORKING,) if shown else (f"sets of {size}", f"set {set_id}"),
+                samplers=tuple(drawn["sampler"]),
+                paths=paths[scene.end_effector],
+                log_weights=drawn["log_weight"].to_numpy(),
+                shown=shown,
+            )
+        )
+    return tuple(found)
+
+
+def _space(project: Project, name: str, view: TaskView) -> FeatureSpace | None:
+    """The three features that the belief gives the largest weights, if there are as many."""
+    if len(view.features) < AXES:
+        return None
+    first, second, third = view.by_weight[:AXES]
+    axes = [first, second, third]
+    some = _some(project, len(view.phi), POINTS, name, "space")
+    return FeatureSpace(
+        features=(view.features[first], view.features[second], view.features[third]),
+        units=(view.units[first], view.units[second], view.units[third]),
+        alternatives=view.phi[some][:, axes],
+        log_weights=view.log_weights[some],
+        demonstrations=view.demonstration_phi[:, axes],
+    )
+
+
+def _some(project: Project, count: int, most: int, *labels: str | int) -> NDArray[np.int64]:
+    """Row numbers in order: all, or as many as are to be drawn."""
+    if count <= most:
+        return np.arange(count)
+    return np.sort(child_rng(project.params.seed, "inspect", *labels).choice(count, most, replace=False))
+
+
+def _robustness(project: Project, name: str) -> pl.DataFrame | None:
+    """KLAggregate of single demonstrations under the models of the paper, if that study was run."""
+    path = project.table(name, "robustness_summary")
+    if not path.exists():
+        return None
+    rows = read_table(path, "robustness_summary").filter(
+        pl.col("regime").is_in(REGIMES) & pl.col("model").is_in(MODELS), demonstrations="single"
+    )
+    return rows if rows.height and (rows["value"] > 0).all() else None
 
 
 def _replay(scene: Scene, paths: Floats, durations_s: Floats) -> Replay:
@@ -65,6 +131,13 @@ def _anchored(view: TaskView) -> str:
     return (
         "" if anchor == "task" else f"; each demonstration has its own, drawn and summed up here are those of {anchor}"
     )
+
+
+def _drawn(view: TaskView) -> str:
+    count = view.alternatives.height
+    paths = f"all {count}" if count <= PATHS else f"{PATHS} of {count:,}, drawn at random,"
+    others = view.independent.select("set_size", "set_id").n_unique()
+    return f"{paths} alternatives of the working set; at most {PATHS} of each of the {others} other sets"
 
 
 def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
@@ -94,6 +167,10 @@ def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
         "",
         f"Bandwidth of the working set: {view.bandwidth:.4f} in scaled features ({project.params.density.bandwidth}).",
         "",
-        f"Tables: `datasets/{name}/*.parquet`, all in `datasets/catalog.duckdb`; ask them with `lessbench sql`.",
+        f"Drawn: {_drawn(view)}. Other sets and single samplers: panel on the left, `scene`, `alternatives`, the eyes.",
+        "",
+        f"From `datasets/{name}/`: arm and paths `demonstrations`, `alternatives`; densities `features`, `densities`, "
+        "`scales`; bars `posteriors`; KLAggregate (median over participants, 95 % interval) `robustness_summary`. All in "
+        "`datasets/catalog.duckdb`; ask with `lessbench sql`.",
     ]
     return "\n".join(lines)

@@ -30,7 +30,13 @@ class TaskView:
     Attributes:
         demonstrations: the table.
         alternatives: the table's rows of the working set; of several anchors, the first one's.
+        phi: (N, F) raw feature values of each of these.
+        demonstration_phi: (n, F) raw feature values of each demonstration.
+        features: names of the features.
+        units: theirs.
+        by_weight: feature indices, those first that the belief gives the largest weights.
         log_weights: (N,) LESS's log weight of each alternative.
+        independent: the table's rows of the other sets with the same anchor, with `log_weight` in their own set.
         bandwidth: of LESS on this set, in scaled features.
         curves: density along each feature, those first that the belief gives the largest weights.
         map: density over the first two of them.
@@ -41,7 +47,13 @@ class TaskView:
 
     demonstrations: pl.DataFrame
     alternatives: pl.DataFrame
+    phi: Floats
+    demonstration_phi: Floats
+    features: tuple[str, ...]
+    units: tuple[str, ...]
+    by_weight: tuple[int, ...]
     log_weights: Floats
+    independent: pl.DataFrame
     bandwidth: float
     curves: tuple[DensityCurve, ...]
     map: DensityMap
@@ -57,11 +69,11 @@ def task_view(project: Project, name: str) -> TaskView:
         TableError: a table is missing or not what it should be.
     """
     demonstrations = read_table(project.table(name, "demonstrations"), "demonstrations")
-    alternatives = _anchored_alike(read_table(project.table(name, "alternatives"), "alternatives"))
+    alternatives, independent = _anchored_alike(read_table(project.table(name, "alternatives"), "alternatives"))
     features = read_table(project.table(name, "features"), "features")
-    densities = alternatives.select("alternative_id").join(
-        read_table(project.table(name, "densities"), "densities"), on="alternative_id", maintain_order="left"
-    )
+    all_densities = read_table(project.table(name, "densities"), "densities")
+    densities = alternatives.select("alternative_id").join(all_densities, on="alternative_id", maintain_order="left")
+    weighed = all_densities.select("alternative_id", log_weight=-pl.col("log_density"))
     scales = read_table(project.table(name, "scales"), "scales")
     posteriors = read_table(project.table(name, "posteriors"), "posteriors").filter(set_id=WORKING)
     names, units = scales["feature"].to_list(), scales["unit"].to_list()
@@ -80,7 +92,13 @@ def task_view(project: Project, name: str) -> TaskView:
     return TaskView(
         demonstrations=demonstrations,
         alternatives=alternatives,
+        phi=phi,
+        demonstration_phi=demos,
+        features=tuple(names),
+        units=tuple(units),
+        by_weight=tuple(order),
         log_weights=log_weights,
+        independent=independent.join(weighed, on="alternative_id", maintain_order="left"),
         bandwidth=float(densities["bandwidth"][0]),
         curves=tuple(density_curve(names[f], units[f], phi[:, f], demos[:, f], sigma[f], log_weights) for f in order),
         map=density_map(
@@ -96,10 +114,11 @@ def task_view(project: Project, name: str) -> TaskView:
     )
 
 
-def _anchored_alike(alternatives: pl.DataFrame) -> pl.DataFrame:
-    """The working set; of several, anchored at one demonstration each, the first."""
-    working = alternatives.filter(set_id=WORKING)
-    return working.filter(anchor=working["anchor"][0])
+def _anchored_alike(alternatives: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The working set and the others; where demonstrations have sets of their own, those of the first."""
+    working = pl.col("set_id") == WORKING
+    mine = alternatives.filter(anchor=alternatives.filter(working)["anchor"][0])
+    return mine.filter(working), mine.filter(~working)
 
 
 def _features_of(ids: pl.Series, features: pl.DataFrame, names: list[str]) -> Floats:

@@ -10,23 +10,35 @@ import rerun.blueprint as rrb
 from pipeline.stores import palette, viewer_posteriors
 from pipeline.stores.viewer_charts import curve_bounds, curve_entity, map_bounds
 from pipeline.stores.viewer_data import TIMELINE
+from pipeline.stores.viewer_scene import alternatives_entity
+from pipeline.stores.viewer_spread import spread_bounds
 from pipeline.stores.viewer_text import drawable
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import polars as pl
     from numpy.typing import NDArray
 
-    from pipeline.stores.viewer_data import Inspection
+    from pipeline.stores.viewer_data import AlternativeSet, Inspection
 
     Floats = NDArray[np.float64]
 
 _SHORT_REPLAY_S = 60.0
-_DISTANCE = 0.95
+_DISTANCE = 0.82
 
 
 def layout(inspection: Inspection) -> rrb.Blueprint:
     """The views of an inspection, and a replay that plays by itself, in about a minute if it would take longer."""
     above = rrb.Horizontal(_scene_view(inspection), _posterior_view(inspection), column_shares=[10, 10])
-    below = rrb.Horizontal(_curve_views(inspection), _map_view(inspection), text_view(), column_shares=[9, 9, 10])
+    columns: list[tuple[int, rrb.View | rrb.Container]] = [
+        (9, _curve_views(inspection)),
+        (10, _feature_views(inspection)),
+    ]
+    if inspection.robustness is not None:
+        columns.append((8, _spread_view(inspection.robustness)))
+    columns.append((11, text_view()))
+    below = rrb.Horizontal(*(view for _, view in columns), column_shares=[share for share, _ in columns])
     length_s = float(inspection.replay.time_s[-1] - inspection.replay.time_s[0])
     time = rrb.TimePanel(
         state="collapsed",
@@ -47,16 +59,23 @@ def layout(inspection: Inspection) -> rrb.Blueprint:
 
 def _scene_view(inspection: Inspection) -> rrb.Spatial3DView:
     replay = inspection.replay
-    moving = [inspection.demonstration_paths, inspection.alternative_paths, replay.body_positions[:, 1:]]
+    shown = [group.paths for group in inspection.alternatives if group.shown]
+    moving = [inspection.demonstration_paths, *shown, replay.body_positions[:, 1:]]
     seen = np.concatenate([points.reshape(-1, 3) for points in moving])
     position, target = camera(seen, replay.body_positions[0, 1], replay.geometry.viewpoint)
     return rrb.Spatial3DView(
         origin="scene",
         name="Demonstrations (pink), alternatives by LESS weight (blue low, yellow high)",
-        background=_background(),
+        background=_background(palette.ROOM),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+        overrides={branch: rrb.EntityBehavior(visible=False) for branch in _hidden(inspection.alternatives)},
     )
+
+
+def _hidden(alternatives: Sequence[AlternativeSet]) -> list[str]:
+    """The entities of the sets that wait to be selected."""
+    return [alternatives_entity(group.name) for group in alternatives if not group.shown]
 
 
 def camera(seen: Floats, base: Floats, viewpoint: Floats | None) -> tuple[Floats, Floats]:
@@ -85,22 +104,39 @@ def _beyond(outward: Floats) -> Floats:
 
 
 def _posterior_view(inspection: Inspection) -> rrb.Spatial2DView:
-    name = f"Posterior over {inspection.theta_meaning} - bar: so far, line: after all demonstrations"
+    name = f"Posterior over {inspection.theta_meaning} (bar: so far, white line: after all)"
     return page_view("posterior", name, viewer_posteriors.page(inspection).bounds)
 
 
 def _curve_views(inspection: Inspection) -> rrb.Tabs:
     views = [
-        page_view(curve_entity(curve.feature), f"Density: {curve.feature} ({curve.unit})", curve_bounds(curve))
-        for curve in inspection.curves
+        page_view(curve_entity(curve.feature), f"{'' if place else 'Density: '}{curve.feature}", curve_bounds(curve))
+        for place, curve in enumerate(inspection.curves)
     ]
     return rrb.Tabs(*views, active_tab=0)
 
 
+def _feature_views(inspection: Inspection) -> rrb.Tabs:
+    views: list[rrb.View] = [_map_view(inspection)]
+    if inspection.space is not None:
+        eye = rrb.EyeControls3D(position=(2.2, 2.0, 1.5), look_target=(0.55, 0.55, 0.42), eye_up=(0.0, 0.0, 1.0))
+        space = rrb.Spatial3DView(
+            origin="space",
+            name="Three features",
+            background=_background(),
+            line_grid=False,
+            eye_controls=eye,
+        )
+        views.append(space)
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _spread_view(robustness: pl.DataFrame) -> rrb.Spatial2DView:
+    return page_view("robustness", "KLAggregate (nats) against set size", spread_bounds(robustness))
+
+
 def _map_view(inspection: Inspection) -> rrb.Spatial2DView:
-    (first, second), units = inspection.map.features, inspection.map.units
-    name = f"Density (square root): {first} ({units[0]}) across, {second} ({units[1]}) up"
-    return page_view("map", name, map_bounds(inspection.map))
+    return page_view("map", f"Density: {' and '.join(inspection.map.features)}", map_bounds(inspection.map))
 
 
 def page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
@@ -119,5 +155,5 @@ def text_view() -> rrb.TextDocumentView:
     return rrb.TextDocumentView(origin="summary", name="Numbers, and where they came from")
 
 
-def _background() -> rrb.Background:
-    return rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=palette.BACKGROUND)
+def _background(color: palette.RGB = palette.BACKGROUND) -> rrb.Background:
+    return rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=color)

@@ -25,13 +25,20 @@ YELLOW: RGB = (240, 228, 66)
 GREY: RGB = (150, 150, 150)
 WHITE: RGB = (255, 255, 255)
 BACKGROUND: RGB = (24, 26, 31)
-GROUND: RGB = (52, 55, 61)
+ROOM: RGB = (58, 62, 70)
+GROUND: RGB = (74, 78, 86)
 
 MODELS: dict[str, RGB] = {"boltzmann": BLUE, "less": ORANGE, "attribute-rule": GREEN, "path-size": SKY}
 MODEL_NAMES = {
     "boltzmann": "Boltzmann", "less": "LESS", "attribute-rule": "attribute rule", "path-size": "path-size logit",
 }  # fmt: skip
 _OTHER_MODELS = (VERMILLION, YELLOW)
+REGIMES = {
+    "independent": "one sampler",
+    "sampler-shift": "different samplers",
+    "known-density": "samplers of known density",
+}
+"""What the ways of sampling the sets of the robustness study are called in pictures."""
 DEMONSTRATION = PINK
 SETS: dict[str, RGB] = {"Xi_L": VERMILLION, "Xi_B": PINK}
 """The two demonstration sets of the grid world that are looked at closely."""

@@ -12,18 +12,13 @@ from matplotlib.ticker import NullLocator
 
 from pipeline.stores import palette
 from pipeline.stores.figures import TEXT_IN, TITLE_POINTS, color, in_style, model_color, new_figure, probability_axis
-from pipeline.stores.palette import model_name
+from pipeline.stores.palette import REGIMES, model_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 INDEPENDENT, SHIFT, KNOWN_DENSITY = "independent", "sampler-shift", "known-density"
-REGIMES = {
-    INDEPENDENT: "one sampler",
-    SHIFT: "different samplers",
-    KNOWN_DENSITY: "samplers of known density",
-}
 KINDS = {"single": "single demonstrations", "batch": "all together"}
 PATTERNS = {"boltzmann-weighted": (0, (2, 1.2)), "less-clean-bandwidth": (0, (2, 1.2))}
 NAMES = {

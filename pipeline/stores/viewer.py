@@ -45,12 +45,18 @@ def write_inspection(path: Path, inspection: Inspection) -> None:
     from pipeline.stores.viewer_charts import log_densities, log_summary
     from pipeline.stores.viewer_posteriors import log_posteriors
     from pipeline.stores.viewer_scene import log_scene
+    from pipeline.stores.viewer_space import log_space
+    from pipeline.stores.viewer_spread import log_spread
 
     with written_recording(path, inspection.task, layout(inspection)) as recording:
         recording.send_property("task", rr.AnyValues(name=inspection.task))
         log_scene(recording, inspection)
         log_densities(recording, inspection)
         log_posteriors(recording, inspection)
+        if inspection.space is not None:
+            log_space(recording, inspection.space)
+        if inspection.robustness is not None:
+            log_spread(recording, inspection.robustness)
         log_summary(recording, inspection)
 
 

@@ -61,7 +61,7 @@ def map_bounds(density: DensityMap) -> Bounds:
 
 
 def _with_margins(width: float, height: float) -> Bounds:
-    return (-0.15 * width, 1.03 * width), (-0.05 * height, 1.12 * height)
+    return (-0.15 * width, 1.03 * width), (-0.1 * height, 1.22 * height)
 
 
 def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks | None = None) -> None:
@@ -92,6 +92,7 @@ def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks |
         )
     up = ticks(0.0, top)
     _log_axes(recording, entity, (width, height), curve.grid, up, height * up / top)
+    _log_axis_names(recording, entity, (width, height), f"{curve.feature} ({curve.unit})", f"per {curve.unit}")
     named = ["every alternative alike", "weighted by LESS", *marks]
     colors = [palette.RAW_DENSITY, palette.MODELS["less"], *(color for _, color in marks.values())]
     at = [(0.8 * width, row * 0.08 * height) for row in range(len(named))]
@@ -120,6 +121,8 @@ def log_map(recording: rr.RecordingStream, density: DensityMap, points: Marks | 
             recording.log(f"map/{part(name + suffix)}", dots, static=True)
     up = ticks(density.y[0], density.y[-1])
     _log_axes(recording, "map", (float(width), float(height)), density.x, up, _cells(up, density.y))
+    names = [f"{feature} ({unit})" for feature, unit in zip(density.features, density.units, strict=True)]
+    _log_axis_names(recording, "map", (float(width), float(height)), names[0], names[1])
 
 
 def _log_axes(
@@ -138,6 +141,15 @@ def _log_axes(
     log_labels(recording, f"{entity}/numbers", marks, [f"{value:g}" for value in (*across, *up)])
     bottom = rr.LineStrips2D([[(0.0, height), (width, height)]], radii=_HAIR, colors=palette.GREY)
     recording.log(f"{entity}/axis", bottom, static=True)
+
+
+def _log_axis_names(
+    recording: rr.RecordingStream, entity: str, page: tuple[float, float], across: str, up: str
+) -> None:
+    width, height = page
+    log_labels(
+        recording, f"{entity}/axis_names", [(0.5 * width, 1.1 * height), (0.02 * width, -0.1 * height)], [across, up]
+    )
 
 
 def _cells(values: Floats, grid: Floats) -> Floats:

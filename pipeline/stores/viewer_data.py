@@ -12,6 +12,7 @@ import numpy as np
 from pipeline.errors import ArgumentError
 
 if TYPE_CHECKING:
+    import polars as pl
     from numpy.typing import NDArray
 
     from pipeline.replay.geometry import Geometry
@@ -42,6 +43,59 @@ class Replay:
 
 
 @dataclass(frozen=True)
+class AlternativeSet:
+    """Paths of one set of alternatives; in the viewer's tree a branch per part of its name, a leaf per sampler.
+
+    Attributes:
+        name: the branches down to the set: `("working",)`, `("sets of 100", "set 03")`.
+        samplers: (A,) which sampler drew each.
+        paths: (A, T', 3) m, of the end effector in the world's frame.
+        log_weights: (A,) LESS's log weight of each in its set.
+        shown: whether it is to be seen before anybody selects it.
+    """
+
+    name: tuple[str, ...]
+    samplers: tuple[str, ...]
+    paths: Floats
+    log_weights: Floats
+    shown: bool = False
+
+    def __post_init__(self) -> None:
+        count = len(self.log_weights)
+        _check_shape(f"paths of {self.label}", self.paths, (count, None, 3))
+        if not self.name or len(self.samplers) != count:
+            raise ArgumentError(f"{self.label} needs a name and {count} samplers; got {len(self.samplers)}.")
+
+    @property
+    def label(self) -> str:
+        """The name in one piece."""
+        return ", ".join(self.name)
+
+
+@dataclass(frozen=True)
+class FeatureSpace:
+    """Alternatives and demonstrations as points along three features.
+
+    Attributes:
+        features: names of the three.
+        units: theirs.
+        alternatives: (N, 3) raw values.
+        log_weights: (N,) LESS's log weight of each.
+        demonstrations: (n, 3) raw values.
+    """
+
+    features: tuple[str, str, str]
+    units: tuple[str, str, str]
+    alternatives: Floats
+    log_weights: Floats
+    demonstrations: Floats
+
+    def __post_init__(self) -> None:
+        _check_shape("alternatives of the feature space", self.alternatives, (len(self.log_weights), 3))
+        _check_shape("demonstrations of the feature space", self.demonstrations, (len(self.demonstrations), 3))
+
+
+@dataclass(frozen=True)
 class Inspection:
     """Everything that the recording of one task shows; nothing in it is computed here.
 
@@ -50,13 +104,14 @@ class Inspection:
         replay: the arm over time.
         demonstration_ids: (n,) in the order of the replay.
         demonstration_paths: (n, T, 3) m, of the end effector in the world's frame.
-        alternative_paths: (A, T', 3) m, likewise, of as many alternatives as are to be drawn (300 are plenty).
-        alternative_log_weights: (A,) LESS's log weight of each.
+        alternatives: at least one set, of as many alternatives as are to be drawn (150 of a set are plenty).
         curves: at least one; the first is shown first.
         map: the density over two features.
+        space: points along three features; None where there are fewer.
         theta_labels: (K,) the hypotheses in words.
         theta_meaning: what the numbers in the labels are.
         posteriors: by model, (n + 1, K): row k after the first k demonstrations, row 0 the prior; each sums to one.
+        robustness: rows of `robustness_summary` that are to be drawn, or None if that study was not run.
         summary: Markdown: the task, the numbers and where they came from.
     """
 
@@ -64,13 +119,14 @@ class Inspection:
     replay: Replay
     demonstration_ids: tuple[str, ...]
     demonstration_paths: Floats
-    alternative_paths: Floats
-    alternative_log_weights: Floats
+    alternatives: tuple[AlternativeSet, ...]
     curves: tuple[DensityCurve, ...]
     map: DensityMap
+    space: FeatureSpace | None
     theta_labels: tuple[str, ...]
     theta_meaning: str
     posteriors: Mapping[str, Floats]
+    robustness: pl.DataFrame | None
     summary: str
 
     def __post_init__(self) -> None:
@@ -78,10 +134,11 @@ class Inspection:
         n, k = len(self.demonstration_ids), len(self.theta_labels)
         replay, bodies = self.replay, len(self.replay.geometry.body_names)
         samples = len(replay.time_s)
-        if not self.curves or not self.posteriors or n == 0:
-            raise ArgumentError("an inspection needs at least one demonstration, one density curve and one model.")
+        if not self.curves or not self.posteriors or not self.alternatives or n == 0:
+            raise ArgumentError(
+                "an inspection needs at least one demonstration, one set of alternatives, one density curve and one model."
+            )
         _check_shape("demonstration_paths", self.demonstration_paths, (n, None, 3))
-        _check_shape("alternative_paths", self.alternative_paths, (len(self.alternative_log_weights), None, 3))
         _check_shape("replay.body_positions", replay.body_positions, (samples, bodies, 3))
         _check_shape("replay.body_quaternions", replay.body_quaternions, (samples, bodies, 4))
         for model, posterior in self.posteriors.items():

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 import rerun as rr
 from rerun.chunk import RrdReader
@@ -17,10 +18,12 @@ from pipeline.errors import ArgumentError, StageError
 from pipeline.replay import load_scene
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.stores import palette
+from pipeline.stores.blueprint import _hidden
 from pipeline.stores.viewer import open_viewer, quiet_environment, viewer_command, write_inspection
 from pipeline.stores.viewer_charts import ticks
-from pipeline.stores.viewer_data import TIMELINE, Inspection, Replay
+from pipeline.stores.viewer_data import TIMELINE, AlternativeSet, FeatureSpace, Inspection, Replay
 from pipeline.stores.viewer_posteriors import page
+from pipeline.stores.viewer_spread import decades
 from pipeline.stores.viewer_text import drawable
 from pipeline.studies.inspection import density_curve, density_map, replay_samples, theta_labels, theta_meaning
 
@@ -81,16 +84,37 @@ def inspection(tmp_path_factory) -> Inspection:
         replay=Replay(extract_geometry(scene.model), positions, quaternions, time_s, which),
         demonstration_ids=("ann 1", "ann 2", "bob 漢"),
         demonstration_paths=rng.normal(0, 0.3, (3, 11, 3)),
-        alternative_paths=rng.normal(0, 0.3, (40, 11, 3)),
-        alternative_log_weights=log_weights[:40],
+        alternatives=(
+            AlternativeSet(
+                ("working",), ("wide", "near") * 20, rng.normal(0, 0.3, (40, 11, 3)), log_weights[:40], True
+            ),
+            AlternativeSet(("sets of 3", "set 漢"), ("wide",) * 3, rng.normal(0, 0.3, (3, 11, 3)), log_weights[:3]),
+        ),
         curves=curves,
         map=density_map(("effort", "height"), ("rad²", "m"), features, mine, np.array([0.3, 1.5])),
+        space=FeatureSpace(
+            ("effort", "height", "reach"),
+            ("rad²", "m", "m"),
+            rng.normal(size=(200, 3)),
+            log_weights,
+            rng.normal(size=(3, 3)),
+        ),
         theta_labels=theta_labels(thetas, ["effort", "height"]),
         theta_meaning=theta_meaning(thetas),
         posteriors={
             "boltzmann": np.array([[1 / 3] * 3, [0.5, 0.3, 0.2], [0.6, 0.3, 0.1], [0.7, 0.2, 0.1]]),
             "less": np.array([[1 / 3] * 3, [0.2, 0.6, 0.2], [0.1, 0.8, 0.1], [0.05, 0.9, 0.05]]),
         },
+        robustness=pl.DataFrame(
+            {
+                "regime": ["independent"] * 4 + ["sampler-shift"] * 2,
+                "model": ["boltzmann", "boltzmann", "less", "less", "boltzmann", "less"],
+                "set_size": [10, 100, 10, 100, 10, 10],
+                "value": [10.0, 1.0, 9.0, 0.5, 30.0, 20.0],
+                "low": [8.0, None, 7.0, 0.4, 28.0, 18.0],
+                "high": [12.0, None, 11.0, 0.6, 32.0, 22.0],
+            }
+        ),
         summary="# reach\nThree demonstrations, 200 alternatives. ≈ 漢字 █",
     )
 
@@ -122,6 +146,21 @@ def column(chunk, component: str) -> list:
     return batch.column(name).to_pylist()
 
 
+def logged(chunk, component: str) -> list:
+    """The rows in which a component has a value; none where the chunk has no such component."""
+    batch = chunk.to_record_batch()
+    found = [name for name in batch.schema.names if name.endswith(f":{component}")]
+    return [row for name in found for row in batch.column(name).to_pylist() if row is not None]
+
+
+def lines(chunk) -> list:
+    return logged(chunk, "strips")
+
+
+def names(chunk) -> list:
+    return logged(chunk, "labels")
+
+
 def test_shapes_and_paths_and_charts_are_all_there(chunks, inspection):
     expected = {
         "/scene/bodies/world/floor": "Boxes3D:half_sizes",
@@ -131,7 +170,9 @@ def test_shapes_and_paths_and_charts_are_all_there(chunks, inspection):
         "/scene/bodies/fore/egg": "Ellipsoids3D:half_sizes",
         "/scene/bodies/fore/ball": "Ellipsoids3D:half_sizes",
         "/scene/bodies/fore/wedge": "Mesh3D:vertex_positions",
-        "/scene/alternatives": "LineStrips3D:strips",
+        "/scene/alternatives/working/wide": "LineStrips3D:strips",
+        "/scene/alternatives/working/near": "LineStrips3D:strips",
+        "/scene/alternatives/sets\\ of\\ 3/set\\ \\?/wide": "LineStrips3D:strips",
         "/scene/demonstrations": "LineStrips3D:strips",
         "/density/effort/alternatives": "LineStrips2D:strips",
         "/density/height/weighted_by_less": "LineStrips2D:strips",
@@ -139,13 +180,17 @@ def test_shapes_and_paths_and_charts_are_all_there(chunks, inspection):
         "/map/demonstrations": "Points2D:positions",
         "/posterior/boltzmann/final": "LineStrips2D:strips",
         "/posterior/names": "Points2D:labels",
+        "/space/alternatives": "Points3D:positions",
+        "/space/demonstrations": "Points3D:positions",
+        "/robustness/one\\ sampler/less/intervals": "LineStrips2D:strips",
+        "/robustness/different\\ samplers/boltzmann": "LineStrips2D:strips",
         "/summary": "TextDocument:text",
     }
     for entity, component in expected.items():
         (chunk,) = chunks[entity]
         assert chunk.is_static, entity
         assert component in chunk.to_record_batch().schema.names, (entity, chunk.to_record_batch().schema.names)
-    assert len(column(chunks["/scene/alternatives"][0], "strips")[0]) == 40
+    assert len(column(chunks["/scene/alternatives/working/wide"][0], "strips")[0]) == 20
     assert len(column(chunks["/scene/demonstrations"][0], "strips")[0]) == 3
 
 
@@ -201,11 +246,43 @@ def test_a_long_list_of_hypotheses_ends_with_the_rest_together(inspection):
     assert layout.chart.full == 0.5
 
 
+def test_the_path_draws_with_the_hand_of_the_demonstration_that_plays(chunks, inspection):
+    strips = next(chunk for chunk in chunks["/scene/playing"] if lines(chunk))
+    drawn = [np.array(rows[0]) for chunk in chunks["/scene/playing"] for rows in lines(chunk)]
+    assert [len(line) for line in drawn] == [2, *range(2, 12)] * 3
+    for demonstration, path in enumerate(inspection.demonstration_paths):
+        np.testing.assert_allclose(drawn[11 * demonstration + 10], path, atol=1e-6)
+    seconds = strips.to_record_batch().column(TIMELINE).cast("int64").to_numpy() / 1e9
+    np.testing.assert_allclose(seconds[:11], np.linspace(0.0, 2.0, 11), atol=1e-9)
+
+
+def test_a_set_of_alternatives_that_does_not_fit_is_refused():
+    with pytest.raises(ArgumentError, match="working must be finite"):
+        AlternativeSet(("working",), ("wide",), np.full((1, 2, 3), np.nan), np.zeros(1))
+    with pytest.raises(ArgumentError, match="working needs a name and 1 samplers; got 2"):
+        AlternativeSet(("working",), ("wide", "near"), np.zeros((1, 2, 3)), np.zeros(1))
+    with pytest.raises(ArgumentError, match=r"alternatives of the feature space must have shape \(4, 3\)"):
+        FeatureSpace(("a", "b", "c"), ("m", "m", "m"), np.zeros((3, 3)), np.zeros(4), np.zeros((1, 3)))
+
+
+def test_sets_that_are_not_shown_wait_in_the_tree(inspection):
+    assert _hidden(inspection.alternatives) == ["scene/alternatives/sets\\ of\\ 3/set\\ \\?"]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [(0.5, 30.0, [0.3, 1, 3, 10, 30]), (1.0, 1.0, [1, 3]), (20.0, 25.0, [10, 30])],
+)
+def test_logarithmic_axes_end_on_round_numbers(low, high, expected):
+    assert decades(low, high).tolist() == pytest.approx(expected)
+
+
 def test_text_has_the_numbers_and_only_characters_that_can_be_drawn(chunks):
     text = column(chunks["/summary"][0], "text")[0][0]
     assert text.startswith("# reach\nThree demonstrations, 200 alternatives. ≈ ?? ?")
     assert "| height | 0.200 | 0.900 |" in text
-    assert column(chunks["/scene/playing/end"][0], "labels")[2] == ["bob ?"]
+    labels = [name for chunk in chunks["/scene/playing/hand"] for name in names(chunk)]
+    assert labels == [["ann 1"], ["ann 2"], ["bob ?"]]
 
 
 def test_two_writes_are_equal_and_whole(recording, inspection, tmp_path):
@@ -261,7 +338,7 @@ def test_an_interrupted_write_leaves_the_old_file(inspection, tmp_path, monkeypa
     [
         ({"demonstration_paths": np.zeros((2, 11, 3))}, r"demonstration_paths must have shape \(3, any, 3\)"),
         ({"posteriors": {"less": np.zeros((3, 3))}}, r"posteriors\['less'\] must have shape \(4, 3\); got \(3, 3\)"),
-        ({"alternative_paths": np.full((40, 11, 3), np.nan)}, "alternative_paths must be finite"),
+        ({"alternatives": ()}, "one set of alternatives"),
         ({"curves": ()}, "at least one"),
     ],
 )
@@ -308,7 +385,7 @@ def test_no_view_reports_an_error(recording, tmp_path):
     with pictures.headless_viewer(recording) as viewer:
         viewer.set_time(timeline=TIMELINE, duration=3.0, play_state="paused")
         state = viewer.get_state()
-        assert len(state.views) == 6
+        assert len(state.views) == 8
         assert [view.reports for view in state.views if view.reports] == []
         viewer.save_screenshot(str(tmp_path / "x.png"))
     assert (tmp_path / "x.png").stat().st_size > 50_000
