@@ -12,10 +12,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from pipeline.choice.checks import FloatArray
-from pipeline.choice.pairs import LEAF, POINTS, cut_off
+from pipeline.choice.pairs import LEAF, NEGLIGIBLE, POINTS, cut_off
 from pipeline.choice.sketch import DIMENSIONS, Grid
 from pipeline.errors import ArgumentError
 
@@ -29,6 +30,9 @@ _FEW_PAIRS = 4_000_000  # below, all pairs take hundredths of a second
 # Seconds per operation, one thread.
 _PAIR = 3.5e-9
 _TREE = 1e-6  # per row and point: building the tree, boxes
+_POINT = 1.5e-4  # per point by itself: looking for its leaves
+_KERNEL = 4e-9  # per pair of a point by itself, and ...
+_SQUARE = 2.5e-9  # ... for every bandwidth
 _ROW = 2e-7  # per row: sorting, phases
 _SPREAD = 4e-10  # per row and point of FINUFFT's kernel
 _FFT = 4e-8  # per point of the oversampled grid
@@ -88,26 +92,36 @@ def transform_bytes(grid: Grid, points: int) -> float:
 
 def transform_seconds(grid: Grid, points: int) -> float:
     """One transform between the grid and `points`."""
-    return grid.oversampled(points) * _FFT + points * spread_seconds(grid)
+    return grid.oversampled(points) * _FFT + points * spread_seconds(grid, points)
 
 
-def spread_seconds(grid: Grid) -> float:
-    """One point of a transform: FINUFFT's kernel is one wider than the digits asked for."""
-    return float(_ROW + _SPREAD * (1 - math.log10(grid.eps)) ** len(grid.modes))
+def spread_seconds(grid: Grid, points: int) -> float:
+    """One point of a transform, by the width of FINUFFT's kernel."""
+    return float(_ROW + _SPREAD * grid.width(points) ** len(grid.modes))
 
 
-def share_compared(rows: FloatArray, total: float, points: int | None, sigma: float) -> float:
-    """The share of pairs that lie in leaves within the cut-off, from 1000 rows evenly spaced in order."""
+def share_compared(
+    rows: FloatArray, total: float, points: float | None, sigma: float, negligible: float = NEGLIGIBLE
+) -> float:
+    """The share of pairs that lie in leaves within the cut-off, from 1000 rows evenly spaced in order.
+
+    `points` is their number, None for the rows themselves and infinite for points taken one by one.
+    """
     distances = pdist(rows[:: max(len(rows) // 1000, 1)])
     # the two ends of a pair are so near to the other rows of their tiles
     tiles = LEAF / len(rows), LEAF / len(rows) if points is None else POINTS / points
     extents = np.quantile(distances, np.minimum(tiles, 1.0))
-    return float(np.mean(distances <= cut_off(total, sigma) + extents.sum()))
+    return float(np.mean(distances <= cut_off(total, sigma, negligible) + extents.sum()))
 
 
 def pair_seconds(pairs: float) -> float:
     """So many kernel values."""
     return pairs * _PAIR
+
+
+def pass_seconds(points: NDArray[np.intp], pairs: float) -> float:
+    """One pass over so many rows near each point, for several bandwidths with so many points each."""
+    return float(points.max() * (_POINT + pairs * _KERNEL) + points.sum() * pairs * _SQUARE)
 
 
 def _exact(count: int, points: int | None) -> EngineChoice:

@@ -18,11 +18,14 @@ from pipeline.choice.logspace import log_sum_exp
 _TILE = 256
 
 # All rows that are left out add at most this much to a kernel sum, relative to the largest term of the sum.
-_NEGLIGIBLE = 1e-8
+NEGLIGIBLE = 1e-8
 
 POINTS = 4  # points of one tile: few, as they may lie far apart
 LEAF = 128  # most rows of a leaf of the k-d tree
-_RUN = 16  # leaves, or runs of them, that are summed at once
+_RUN = 16  # leaves, next to each other, that are summed at once
+_PIECE = 128  # leaves, anywhere, that are summed at once
+_BRANCH = 64  # leaves, next to each other, that are first looked at as one
+_FRESH = 16  # each squaring of a kernel value doubles its relative error: start again after so many
 
 
 def log_sums_within(rows: FloatArray, counts: FloatArray, sigma: float) -> FloatArray:
@@ -51,9 +54,9 @@ def exponents(x: FloatArray, y: FloatArray, sigma: float) -> FloatArray:
         return np.asarray(cdist(x, y, "sqeuclidean") * (-0.5 / sigma**2))
 
 
-def cut_off(total: float, sigma: float) -> float:
-    """The distance beyond which `total` rows together add less than 1e-8: total exp(-r^2 / 2 sigma^2) = 1e-8."""
-    return sigma * math.sqrt(2 * math.log(total / _NEGLIGIBLE))
+def cut_off(total: float, sigma: float, negligible: float = NEGLIGIBLE) -> float:
+    """The distance r beyond which `total` rows together add less: total exp(-r^2 / 2 sigma^2) = negligible."""
+    return sigma * math.sqrt(2 * math.log(total / negligible))
 
 
 def _log_sums_symmetric(
@@ -92,6 +95,9 @@ class Neighbours:
         self._starts = np.array([*_leaf_starts(self._tree.tree), len(rows)])
         self._lower = np.minimum.reduceat(self._rows, self._starts[:-1])
         self._upper = np.maximum.reduceat(self._rows, self._starts[:-1])
+        branches = np.arange(0, len(self._lower), _BRANCH)
+        self._branch_lower = np.minimum.reduceat(self._lower, branches)
+        self._branch_upper = np.maximum.reduceat(self._upper, branches)
 
     def log_sums_within(self, sigma: float) -> FloatArray:
         """(G,) at the rows themselves."""
@@ -109,43 +115,83 @@ class Neighbours:
         distances = np.asarray(self._tree.query(points, k=[2 if others else 1])[0])[:, 0]
         return np.asarray(distances**2)
 
-    def log_sums_at(self, points: FloatArray, sigma: float, others: bool = False) -> FloatArray:
-        """(M,) at any points, however far; with `others`, without the row that a point is."""
+    def log_sums_at(self, points: FloatArray, sigma: float) -> FloatArray:
+        """(M,) at any points, however far."""
         log_sums = np.empty(len(points))
         order = np.asarray(cKDTree(points).indices)
-        nearest = self.nearest(points, others)
+        nearest = self.nearest(points)
+        precision = 0.5 / sigma**2
         for start in range(0, len(points), POINTS):
             here = order[start : start + POINTS]
-            log_sums[here] = self._log_sums(points[here], nearest[here], sigma, others)
+            reach = float(nearest[here].max()) + cut_off(self._total, sigma) ** 2
+            sums = np.zeros(len(here))
+            for rows, counts in self._within(points[here], reach):
+                # relative to the nearest row, whose term is then 1: no sum underflows, however far all rows are
+                excess = cdist(points[here], rows, "sqeuclidean") - nearest[here, None]
+                with np.errstate(over="ignore"):  # beyond the largest double the kernel is 0
+                    excess *= -precision
+                sums += np.einsum("ij,j->i", np.exp(excess, out=excess), counts)
+            with np.errstate(over="ignore"):
+                log_sums[here] = np.log(sums) - nearest[here] * precision
         return log_sums
 
-    def _log_sums(self, points: FloatArray, nearest: FloatArray, sigma: float, others: bool) -> FloatArray:
-        sums = np.zeros(len(points))
-        precision = 0.5 / sigma**2
-        reach = float(nearest.max()) + cut_off(self._total, sigma) ** 2
-        runs = list(self._runs(points.min(axis=0), points.max(axis=0), reach, len(self._lower)))
-        with np.errstate(over="ignore"):  # beyond the largest double the kernel is 0
-            for first in range(0, len(runs), _RUN):
-                part = runs[first : first + _RUN]
-                squared = cdist(points, np.concatenate([self._rows[run] for run in part]), "sqeuclidean")
-                if others:
-                    np.putmask(squared, squared == 0, np.inf)
-                # relative to the nearest row, whose term is then 1: no sum underflows, however far all rows are
-                squared -= nearest[:, None]
-                squared *= -precision
-                counts = np.concatenate([self._counts[run] for run in part])
-                sums += np.einsum("ij,j->i", np.exp(squared, out=squared), counts)
-            return np.asarray(np.log(sums) - nearest * precision)
+    def log_sums_of_others(self, points: FloatArray, sigmas: FloatArray, negligible: float) -> FloatArray:
+        """(K, M) at points that are rows, without the row that each is, for descending bandwidths in one pass.
+
+        What is left out is less than `negligible` of the largest term of a sum.
+        """
+        nearest = self.nearest(points, others=True)
+        reaches = nearest + cut_off(self._total, sigmas[0], negligible) ** 2
+        precisions = 0.5 / sigmas**2
+        halved = np.isclose(sigmas[:-1] / sigmas[1:], math.sqrt(2), rtol=1e-12, atol=0)
+        sums = np.zeros((len(sigmas), len(points)))
+        for number, reach in enumerate(reaches):
+            for rows, counts in self._within(points[[number]], reach):
+                excess = cdist(points[[number]], rows, "sqeuclidean")[0]
+                excess[excess == 0] = np.inf
+                excess -= nearest[number]
+                kernel = np.empty_like(excess)
+                for step, precision in enumerate(precisions):
+                    # a step of sqrt(2) down in sigma squares the kernel: much cheaper than exp
+                    if step % _FRESH and halved[step - 1]:
+                        np.multiply(kernel, kernel, out=kernel)
+                    else:
+                        with np.errstate(over="ignore"):
+                            np.multiply(excess, -precision, out=kernel)
+                        np.exp(kernel, out=kernel)
+                    sums[step, number] += np.einsum("j,j->", kernel, counts)
+        return np.asarray(np.log(sums) - nearest * precisions[:, None])
+
+    def _within(self, points: FloatArray, reach: float) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Rows and counts of the leaves within `reach`, a squared distance, of the box of the points, in pieces."""
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        branches = np.flatnonzero(_near(lower, upper, self._branch_lower, self._branch_upper, reach))
+        leaves = (branches[:, None] * _BRANCH + np.arange(_BRANCH)).ravel()
+        leaves = leaves[: np.searchsorted(leaves, len(self._lower))]
+        leaves = leaves[_near(lower, upper, self._lower[leaves], self._upper[leaves], reach)]
+        starts, ends = self._starts[leaves].tolist(), self._starts[leaves + 1].tolist()
+        for first in range(0, len(starts), _PIECE):
+            part = slice(first, first + _PIECE)
+            rows = [self._rows[start:end] for start, end in zip(starts[part], ends[part], strict=True)]
+            counts = [self._counts[start:end] for start, end in zip(starts[part], ends[part], strict=True)]
+            yield np.concatenate(rows), np.concatenate(counts)
 
     def _runs(self, lower: FloatArray, upper: FloatArray, reach: float, count: int) -> Iterator[slice]:
-        """Rows of those of the first tiles that lie within `reach`, a squared distance, of a box; next ones at once."""
-        gaps = np.maximum(0.0, np.maximum(lower - self._upper[:count], self._lower[:count] - upper))
-        # a hair more, as the distances of boxes are rounded
-        near = np.flatnonzero(np.einsum("tf,tf->t", gaps, gaps) <= reach * (1 + 1e-12))
+        """Rows of those of the first leaves that lie within `reach`, a squared distance, of a box; next ones at once."""
+        near = np.flatnonzero(_near(lower, upper, self._lower[:count], self._upper[:count], reach))
         for run in np.split(near, np.flatnonzero(np.diff(near) != 1) + 1):
             for first in range(0, len(run), _RUN):
                 part = run[first : first + _RUN]
                 yield slice(self._starts[part[0]], self._starts[part[-1] + 1])
+
+
+def _near(
+    lower: FloatArray, upper: FloatArray, lowers: FloatArray, uppers: FloatArray, reach: float
+) -> NDArray[np.bool_]:
+    """(T,) which boxes lie within `reach`, a squared distance, of a box."""
+    gaps = np.maximum(0.0, np.maximum(lower - uppers, lowers - upper))
+    # a hair more, as the distances of boxes are rounded
+    return np.asarray(np.einsum("tf,tf->t", gaps, gaps) <= reach * (1 + 1e-12))
 
 
 def _leaf_starts(node: Any) -> Iterator[int]:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import PCG64, Generator
-from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from numpy.typing import ArrayLike, NDArray
 
 from pipeline.choice import engines
 from pipeline.choice.checks import FloatArray
@@ -23,10 +22,12 @@ LIMIT = 5000  # up to so many distinct rows, all are scored
 _SEED = 0
 _DRAWN = 50_000  # rows whose nearest neighbour is looked up
 _STRATUM = 2000  # of them, the most isolated ones are scored all, and about as many of the others
-_FIRST = 2000  # distinct rows whose own likelihood says where to start
-_RELATIVE_ERROR = 1e-6  # of a row's kernel sum
-_STEP = 0.05  # of log sigma, for derivatives by it; their error moves the maximum by about _STEP^2 / 6
-_NEWTON = 0.04  # a last step of Newton's method in log sigma, whose error is of the order of its square
+_FIRST = 1000  # distinct rows whose own likelihood says where to start
+_RELATIVE_ERROR = 1e-4  # of a row's kernel sum: a hundredth and less of the standard errors
+_NODES = np.array([0.15, 0.05, -0.05, -0.15])  # of log sigma, between which the score is a cubic
+_CUBIC = np.linalg.inv(np.vander(_NODES, increasing=True))
+_INNER = 0.12  # from their middle, a maximum is as good as that of the score
+_MARGIN = 0.05  # a sketch reaches so much farther down, for the next four
 _FARTHEST = 0.3  # the longest step
 _MOVES = 20
 
@@ -55,7 +56,7 @@ class SampledScore:
     the first of a permutation of the rows in lexicographic order from PCG64(0); of these the 2000 most isolated, whose
     scores differ most, the most repeated, and every k-th of the others in order of their isolation, each of which stands for k. The same
     rows are drawn for every order of the set. Wide bandwidths share the sketch of the set; narrow ones, and rows too
-    isolated for it, are summed over neighbours.
+    isolated for it, are summed over neighbours. Either way the kernel sum of a row is good to 1e-4 of itself.
 
     Args:
         groups: distinct rows (G, F).
@@ -92,6 +93,11 @@ class SampledScore:
         if len(others):
             self._stands_for[self._certain :] = often[others].sum() / self._often[self._certain :].sum()
         self._points, self._own = self._groups.rows[candidates[kept]], self._groups.counts[candidates[kept]]
+        self._weights = self._often * self._stands_for
+        # a quarter to begin with, and all that outweigh many others
+        heavy = self._often * _STRATUM > len(drawn)
+        self._quarter = np.flatnonzero(heavy | (np.arange(len(kept)) % 4 == 0))
+        self._quarter_weights = (self._weights * np.where(heavy, 1.0, 4.0))[self._quarter]
 
     @property
     def rows_scored(self) -> int:
@@ -103,44 +109,46 @@ class SampledScore:
 
         A part of the set by itself has its maximum at a wider bandwidth: its likelihood falls short of that of the whole
         set, the more the narrower the kernel. All steps of sqrt(2) from there down to the least possible maximum are
-        scored on a quarter of the rows, and more upwards while the score grows; the best step is refined on that quarter,
-        and then on all by Newton's method.
+        scored on a quarter of the rows, and more upwards while the score grows. The parabola through the best step and its
+        neighbours says about where four bandwidths are scored on all, whose cubic has the maximum.
 
         Raises:
             BandwidthError: the score has no maximum between its bounds.
         """
-        step, quarter = 0.5 * math.log(2), slice(None, None, 4)
-        upper = math.log(self._wider()) + step
+        step = 0.5 * math.log(2)
+        wider = math.log(self._wider())
         lower = 0.5 * math.log(0.5 * self._mean_nearest / self._dimensions)
-        grid = [upper - step * number for number in range(max(math.ceil((upper - lower) / step), 2) + 1)]
-        self._prepare(np.exp(grid))
-        scores = [self._mean(log_sigma, quarter) for log_sigma in grid]
+        grid = [wider + step * (1 - number) for number in range(max(math.ceil((wider + step - lower) / step), 2) + 1)]
+        # the maximum of smooth features narrows with the (F + 4)th root of their number
+        smooth = wider - math.log(len(self._groups.rows) / len(self._first)) / (self._dimensions + 4)
+        nodes = smooth + _NODES - _MARGIN
+        self._prepare([*grid, *nodes], [len(self._quarter)] * len(grid) + [len(self._points)] * len(nodes))
+        scores = self._quarter_means(grid)
         widest = math.log(2 * math.dist(self._groups.rows.min(axis=0), self._groups.rows.max(axis=0)))
         while scores[0] == max(scores) and grid[0] < widest:
             grid.insert(0, grid[0] + step)
-            scores.insert(0, self._mean(grid[0], quarter))
-        best = grid[int(np.argmax(scores))]
-        found = minimize_scalar(
-            lambda log_sigma: -self._mean(log_sigma, quarter),
-            bounds=(best - step, best + step), method="bounded", options={"xatol": 0.01},
-        )  # fmt: skip
-        return self._refined(float(found.x))
+            scores.insert(0, *self._quarter_means(grid[:1]))
+        best = min(max(int(np.argmax(scores)), 1), len(grid) - 2)
+        above, here, below = scores[best - 1 : best + 2]
+        bend = above - 2 * here + below
+        return self._refined(grid[best] - (0.5 * step * (above - below) / bend if bend < 0 else 0.0))
 
     def _refined(self, log_sigma: float) -> Estimate:
         for _ in range(_MOVES):
-            below, here, above = (self._scores(log_sigma + step) for step in (-_STEP, 0.0, _STEP))
-            slopes = (above - below) / (2 * _STEP)
-            slope, curvature = self._average(slopes), self._average(above - 2 * here + below) / _STEP**2
-            if not curvature < 0:
-                break
-            move = -slope / curvature
-            if abs(move) <= _NEWTON:
+            self._prepare(log_sigma + _NODES - _MARGIN, [len(self._points)] * 4)
+            constant, linear, square, cube = np.einsum("kn,ns->ks", _CUBIC, self._scores(log_sigma + _NODES))
+            slope, bend, twist = map(self._average, (linear, square, cube))
+            peaked = bend < 0 and bend**2 > 3 * slope * twist
+            move = slope / (math.sqrt(bend**2 - 3 * slope * twist) - bend) if peaked else math.copysign(1.0, slope)
+            if abs(move) <= _INNER:
                 sigma = math.exp(log_sigma + move)
+                here = constant + move * (linear + move * (square + move * cube))
+                slopes = linear + move * (2 * square + 3 * move * cube)
                 return Estimate(
                     sigma,
-                    self._total * (self._average(here) + 0.5 * slope * move),
+                    self._total * self._average(here),
                     self._total * self._standard_error(here),
-                    sigma * self._standard_error(slopes) / -curvature,
+                    sigma * self._standard_error(slopes) / -(2 * bend + 6 * move * twist),
                 )
             log_sigma += max(-_FARTHEST, min(_FARTHEST, move))
         raise BandwidthError(
@@ -157,34 +165,43 @@ class SampledScore:
         lower, upper = score.stationary_range()
         return score.maximum(lower, upper) or upper
 
-    def _prepare(self, sigmas: FloatArray) -> None:
-        """The sketch that serves those of the descending `sigmas` for which it is predicted to save time."""
-        if self._dimensions > DIMENSIONS:
+    def _prepare(self, log_sigmas: ArrayLike, points: list[int]) -> None:
+        """The sketch that serves those of the bandwidths for which it is predicted to save time."""
+        order = np.argsort(-np.asarray(log_sigmas))
+        sigmas, at = np.exp(np.asarray(log_sigmas))[order], np.array(points)[order]
+        if self._dimensions > DIMENSIONS or sigmas[-1] >= self._narrowest:
             return
-        rows, count = self._groups.rows, len(self._groups.rows)
-        box = rows.min(axis=0), rows.max(axis=0)
-        by_neighbours = [engines.neighbours(rows, self._total, len(self._points), sigma).seconds for sigma in sigmas]
-        best = sum(by_neighbours), math.inf
+        count = len(self._groups.rows)
+        best = self._neighbours_seconds(sigmas, at), math.inf
         for number, narrowest in enumerate(sigmas, start=1):
-            grid = Grid.covering(*box, narrowest, sigmas[0], self._total)
+            grid = self._grid(narrowest, sigmas[0])
             if engines.transform_bytes(grid, count) > engines.MEMORY_BYTES:
                 break
-            transforms = [
-                engines.transform_seconds(grid.cropped(sigma, self._total), len(self._points))
-                for sigma in sigmas[:number]
-            ]
-            seconds = engines.transform_seconds(grid, count) + sum(transforms) + sum(by_neighbours[number:])
+            seconds = engines.transform_seconds(grid, count) + self._neighbours_seconds(sigmas[number:], at[number:])
+            served = zip(sigmas[:number], at[:number], strict=True)
+            seconds += sum(engines.transform_seconds(grid.cropped(sigma), some) for sigma, some in served)
             best = min(best, (seconds, float(narrowest)))
-        self._narrowest = best[1]
-        if self._narrowest < math.inf:
-            grid = Grid.covering(*box, self._narrowest, sigmas[0], self._total)
-            self._sketch = Sketch.of(rows, grid, self._groups.counts)
+        if best[1] < self._narrowest:
+            self._narrowest = best[1]
+            self._sketch = Sketch.of(self._groups.rows, self._grid(best[1], sigmas[0]), self._groups.counts)
 
-    def _mean(self, log_sigma: float, some: slice = slice(None)) -> float:
-        return self._average(self._scores(log_sigma, some), some)
+    def _grid(self, narrowest: float, widest: float) -> Grid:
+        rows = self._groups.rows
+        return Grid.covering(rows.min(axis=0), rows.max(axis=0), narrowest, widest, self._total, _RELATIVE_ERROR)
 
-    def _average(self, values: FloatArray, some: slice = slice(None)) -> float:
-        return float(np.average(values, weights=(self._often * self._stands_for)[some]))
+    def _neighbours_seconds(self, sigmas: FloatArray, points: NDArray[np.intp]) -> float:
+        """All of the descending `sigmas` in one pass, which compares as many pairs as the widest needs."""
+        if not len(sigmas):
+            return 0.0
+        share = engines.share_compared(self._groups.rows, self._total, math.inf, float(sigmas[0]), _RELATIVE_ERROR)
+        return engines.pass_seconds(points, share * len(self._groups.rows))
+
+    def _quarter_means(self, log_sigmas: list[float]) -> list[float]:
+        scores = self._scores(log_sigmas, self._quarter)
+        return [float(np.average(values, weights=self._quarter_weights)) for values in scores]
+
+    def _average(self, values: FloatArray) -> float:
+        return float(np.average(values, weights=self._weights))
 
     def _standard_error(self, values: FloatArray) -> float:
         """Of the mean: that of drawing without replacement from all rows, and that from those not isolated."""
@@ -193,25 +210,41 @@ class SampledScore:
         if len(others) < 2:
             return math.sqrt(drawn)
         stands_for = float(self._stands_for[-1])
-        share = stands_for * often.sum() / float(self._often @ self._stands_for)
+        share = stands_for * often.sum() / float(self._weights.sum())
         deviations = often * (others - np.average(others, weights=often)) / often.mean()
         spread = float(deviations @ deviations) / (len(others) - 1)
         return math.sqrt(drawn + share**2 * spread / len(others) * max(1 - 1 / stands_for, 0.0))
 
-    def _scores(self, log_sigma: float, some: slice = slice(None)) -> FloatArray:
-        """(S,) log likelihood of each distinct row that is scored."""
-        norm = self._dimensions * (log_sigma + 0.5 * math.log(2 * math.pi))
-        return np.asarray(self._log_sums(math.exp(log_sigma), some) - np.log(self._total - self._own[some]) - norm)
+    def _scores(self, log_sigmas: ArrayLike, some: NDArray[np.intp] | slice = slice(None)) -> FloatArray:
+        """(K, S) log likelihood of each distinct row that is scored, for descending bandwidths."""
+        norms = self._dimensions * (np.asarray(log_sigmas)[:, None] + 0.5 * math.log(2 * math.pi))
+        log_sums = self._log_sums(np.exp(log_sigmas), some)
+        return np.asarray(log_sums - np.log(self._total - self._own[some]) - norms)
 
-    def _log_sums(self, sigma: float, some: slice) -> FloatArray:
-        """(S,) log kernel sums over the other rows."""
-        points = self._points[some]
-        if self._sketch is None or sigma < self._narrowest:
-            return self._neighbours.log_sums_at(points, sigma, others=True)
-        sums, error = self._sketch.sums(points, sigma)
-        sums -= self._own[some]
-        wrong = sums * _RELATIVE_ERROR < error
-        log_sums = np.log(np.where(wrong, 1.0, sums))
-        if wrong.any():
-            log_sums[wrong] = self._neighbours.log_sums_at(points[wrong], sigma, others=True)
-        return np.asarray(log_sums)
+    def _log_sums(self, sigmas: FloatArray, some: NDArray[np.intp] | slice) -> FloatArray:
+        """(K, S) log kernel sums over the other rows."""
+        points, own = self._points[some], self._own[some]
+        log_sums = np.empty((len(sigmas), len(points)))
+        wide = int(np.sum(sigmas >= self._narrowest))
+        if wide < len(sigmas):
+            log_sums[wide:] = self._neighbours.log_sums_of_others(points, sigmas[wide:], _RELATIVE_ERROR)
+        if wide:
+            log_sums[:wide], wrong = self._by_sketch(sigmas[:wide], points, own)
+            if wrong.any():
+                others = self._neighbours.log_sums_of_others(points[wrong], sigmas[:wide], _RELATIVE_ERROR)
+                log_sums[:wide, wrong] = others
+        return log_sums
+
+    def _by_sketch(
+        self, sigmas: FloatArray, points: FloatArray, own: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """(K, S) log sums and (S,) whether any of them is not good enough."""
+        assert self._sketch is not None
+        log_sums, wrong = np.empty((len(sigmas), len(points))), np.zeros(len(points), dtype=bool)
+        for number, sigma in enumerate(sigmas):
+            sums, error = self._sketch.sums(points, sigma)
+            sums -= own
+            small = sums * _RELATIVE_ERROR < error
+            log_sums[number] = np.log(np.where(small, 1.0, sums))
+            wrong |= small
+        return log_sums, wrong

@@ -37,10 +37,16 @@ DIMENSIONS = 3
 # A kernel sum of 1, the least at a row of the set, is meant to be good to half of 1e-6.
 _ACCURACY = 5e-7
 _FINEST = 2e-14  # FINUFFT's tolerance in double precision ends about here
+_WIDEST = 16  # points of FINUFFT's widest kernel
 _LARGE = 2**25  # points of an oversampled grid (0.5 GB) above which it is oversampled less than twice
 
 _FORWARD = {1: finufft.nufft1d1, 2: finufft.nufft2d1, 3: finufft.nufft3d1}
 _BACKWARD = {1: finufft.nufft1d2, 2: finufft.nufft2d2, 3: finufft.nufft3d2}
+
+
+def _cut(share: float, dimensions: int) -> float:
+    """sigma omega beyond which the frequencies left out, of all dimensions, are a `share` of the kernel's spectrum."""
+    return math.sqrt(2) * float(erfcinv(share / dimensions))
 
 
 @dataclass(frozen=True)
@@ -63,17 +69,23 @@ class Grid:
 
     @classmethod
     def covering(
-        cls, lower: Sequence[float], upper: Sequence[float], narrowest: float, widest: float, total: float
+        cls,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        narrowest: float,
+        widest: float,
+        total: float,
+        accuracy: float = _ACCURACY,
     ) -> Grid:
         """The smallest grid for `total` rows in a box and bandwidths from `narrowest` to `widest`.
 
-        Each of the three parts of the error bound takes its share of an error of 5e-7 in a sum, as far as double
+        Each of the three parts of the error bound takes its share of an error of `accuracy` in a sum, as far as double
         precision allows.
         """
-        share = max(_ACCURACY / total / 4, _FINEST / 2)
+        share = max(accuracy / total / 4, _FINEST / 2)
         dimensions = len(lower)
         reach = math.sqrt(2 * math.log(2 * dimensions / share))
-        cut = math.sqrt(2) * float(erfcinv(share / dimensions))
+        cut = _cut(share, dimensions)
         length = tuple(high - low + reach * widest for low, high in zip(lower, upper, strict=True))
         modes = [cut * side / (2 * math.pi * narrowest) for side in length]
         if not max(modes) < 2**31:
@@ -94,13 +106,11 @@ class Grid:
         """Number of coefficients per dimension."""
         return (self.modes[0] + 1, *(2 * mode + 1 for mode in self.modes[1:]))
 
-    def cropped(self, sigma: float, total: float) -> Grid:
+    def cropped(self, sigma: float) -> Grid:
         """The part of the grid that `sigma` needs, which is less the wider it is."""
-        needed = Grid.covering(self.lower, self.upper, sigma, sigma, total)
-        modes = tuple(
-            min(mode, math.ceil(want * length / side))
-            for mode, want, length, side in zip(self.modes, needed.modes, self.length, needed.length, strict=True)
-        )
+        share = self.eps if self.eps > _FINEST else _FINEST / 2
+        cut = _cut(share, len(self.modes)) / (2 * math.pi * sigma)
+        modes = tuple(min(mode, math.ceil(cut * length)) for mode, length in zip(self.modes, self.length, strict=True))
         return Grid(self.lower, self.upper, self.length, modes, self.eps)
 
     def inside(self, points: FloatArray) -> NDArray[np.bool_]:
@@ -127,9 +137,20 @@ class Grid:
         return np.asarray(np.exp(1j * (self.shape[0] // 2) * self.phases(points)[0]))
 
     def oversampling(self, points: int) -> float:
-        """Of FINUFFT's own grid: twice, or as little as its widest kernel allows where the FFT costs more than points."""
+        """Of FINUFFT's own grid: twice, or less where its FFT costs more than the points.
+
+        A kernel of width w reaches eps = exp(-pi w sqrt(1 - 1 / u)); the widest has 16 points. A tenth more keeps the
+        error of three dimensions near eps.
+        """
         double = math.prod(self.shape) * 2 ** len(self.shape)
-        return 2.0 if double <= min(25 * points, _LARGE) else 1.6 if self.eps >= 1.2e-13 else 1.75
+        if double <= min(25 * points, _LARGE):
+            return 2.0
+        least = 1 / (1 - (math.log(self.eps) / (_WIDEST * math.pi)) ** 2)
+        return max(least + 0.1, 1.25)
+
+    def width(self, points: int) -> float:
+        """Of FINUFFT's kernel, in points of its own grid."""
+        return 1 - math.log10(self.eps) if self.oversampling(points) == 2 else _WIDEST
 
     def oversampled(self, points: int) -> float:
         """How many points FINUFFT's own grid has."""
@@ -188,7 +209,7 @@ class Sketch:
         positive("sigma", sigma)
         if not np.all(self.grid.inside(points)):
             raise ArgumentError("points lie outside the sketch's box; sum those over the rows themselves.")
-        grid = self.grid.cropped(sigma, self.total)
+        grid = self.grid.cropped(sigma)
         kept = zip(self.grid.modes[1:], grid.modes[1:], strict=True)
         inner = tuple(slice(mode - less, mode + less + 1) for mode, less in kept)
         weighted = self.coefficients[(slice(grid.modes[0] + 1), *inner)].copy()

@@ -27,11 +27,23 @@ class DistinctRows:
 
 def distinct_rows(rows: FloatArray) -> DistinctRows:
     """The distinct rows of `rows` (N, F) with their counts; 0.0 and -0.0 are the same number."""
-    # np.unique(axis=0) compares rows as structures, 30 times slower than this at a million rows.
-    order = np.lexsort(rows.T[::-1])
+    order = _lexicographic(rows)
     ordered = rows[order] + 0.0
     starts = np.ones(len(rows), dtype=bool)
     starts[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
     index = np.empty(len(rows), dtype=np.intp)
     index[order] = np.cumsum(starts) - 1
     return DistinctRows(ordered[starts], np.bincount(index).astype(np.float64), index)
+
+
+def _lexicographic(rows: FloatArray) -> NDArray[np.intp]:
+    """(N,) the lexicographic order: by the first column, which most often tells all rows apart, then of its ties."""
+    order = np.argsort(np.ascontiguousarray(rows[:, 0]))
+    first = rows[order, 0]
+    same = first[1:] == first[:-1]
+    tied = np.zeros(len(rows), dtype=bool)
+    tied[1:] = same
+    tied[:-1] |= same
+    some = order[tied]
+    order[tied] = some[np.lexsort(rows[some].T[::-1])]
+    return order
