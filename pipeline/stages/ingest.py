@@ -47,15 +47,21 @@ def run(project: Project, name: str) -> None:
             )
         rows: list[dict[str, Any]] = []
         rejected: list[dict[str, str]] = []
+        unreadable: set[str] = set()  # nothing can be hashed there, and a pipe would never end
         for file in tracked(files, f"ingest {name}"):
             try:
                 rows.append(demonstration(file, scene, settings))
             except RecordingError as error:
+                if error.reason == "unreadable":
+                    unreadable.add(file.name)
                 rejected.append(
                     {"source": plain(file.name, LONGEST_NAME + 60), "reason": error.reason, "detail": error.detail}
                 )
         stated = provenance(
-            project, depends_on(project, name), [*files, *scene_files(scene.path)], model=model_hash(scene)
+            project,
+            depends_on(project, name),
+            [*(file for file in files if file.name not in unreadable), *scene_files(scene.path)],
+            model=model_hash(scene),
         )
         write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(rejected, REJECTED), stated)
         if rejected and (settings.on_rejected == "stop" or not rows):

@@ -84,7 +84,7 @@ class TableWriter:
 
         arrow = _conform(part, self._contract, self._path).replace_schema_metadata(self._metadata)
         if self._file is None:
-            self._file = pq.ParquetWriter(self._stream, arrow.schema, compression="zstd")
+            self._file = pq.ParquetWriter(self._stream, arrow.schema, compression="zstd", write_page_checksum=True)
         elif arrow.schema != self._file.schema:
             raise TableError(
                 f"{self._path}: a part of table {self._contract.name!r} has the columns {', '.join(arrow.schema.names)} "
@@ -159,7 +159,7 @@ def read_table(path: Path, name: str, columns: Sequence[str] | None = None) -> p
     import polars as pl
 
     with _opened(path, schema(name)) as file:
-        table = pl.DataFrame(file.read())
+        table = pl.DataFrame(_sound(file.read(), schema(name), path))
     _conform(table, schema(name), path)
     return table if columns is None else table.select(columns)
 
@@ -192,7 +192,9 @@ def read_part(path: Path, name: str, number: int, columns: Sequence[str] | None 
                 f"{path}: table {name!r} lacks the column {absent[0]!r}; it has {', '.join(present)}; make it again "
                 "with `dvc repro`"
             )
-        part = pl.DataFrame(file.read_row_group(number, columns=None if columns is None else list(columns)))
+        part = pl.DataFrame(
+            _sound(file.read_row_group(number, columns=None if columns is None else list(columns)), contract, path)
+        )
     _conform(part, contract if columns is None else _narrowed(contract, columns), path)
     return part if columns is None else part.select(columns)
 
@@ -210,7 +212,7 @@ def _opened(path: Path, contract: TableSchema) -> Iterator[pq.ParquetFile]:
     import pyarrow.parquet as pq
 
     try:
-        with path.open("rb") as stream, pq.ParquetFile(stream) as file:
+        with path.open("rb") as stream, pq.ParquetFile(stream, page_checksum_verification=True) as file:
             stated = _stated(file.schema_arrow.metadata or {}, path)
             if stated != (contract.name, contract.version):
                 raise TableError(
@@ -220,10 +222,36 @@ def _opened(path: Path, contract: TableSchema) -> Iterator[pq.ParquetFile]:
             yield file
     except FileNotFoundError:
         raise TableError(f"{path}: there is no such file; run the stage that makes it with `dvc repro`") from None
-    except (pa.ArrowInvalid, OSError) as error:
+    except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
         raise TableError(
             f"{path}: cannot be read as Parquet ({_one_line(error)}); make it again with `dvc repro`"
         ) from None
+
+
+def _sound(table: pa.Table, contract: TableSchema, path: Path) -> pa.Table:
+    """The table without metadata, its types those of the schema and its texts valid, as polars takes for granted."""
+    import pyarrow as pa
+
+    known = {column.name: column for column in contract.columns}
+    for field in table.schema:
+        column = known.get(field.name, contract.further)
+        inner, depth = field.type, 0
+        while pa.types.is_fixed_size_list(inner):
+            inner, depth = inner.value_type, depth + 1
+        if column is not None and (inner != _scalars()[column.scalar] or depth != len(column.lengths)):
+            raise TableError(
+                f"{path}: column {field.name!r} is {field.type}, needed is {column.type}; make it again with `dvc repro`"
+            )
+    table.validate(full=True)
+    return table.cast(pa.schema([pa.field(field.name, field.type) for field in table.schema]))
+
+
+def _scalars() -> dict[str, pa.DataType]:
+    import pyarrow as pa
+
+    return {
+        "string": pa.string(), "bool": pa.bool_(), "int64": pa.int64(), "float": pa.float32(), "double": pa.float64(),
+    }  # fmt: skip
 
 
 def read_provenance(path: Path) -> dict[str, object]:
@@ -292,10 +320,7 @@ def _arrow_type(table: pl.DataFrame, name: str, column: Column, lengths: dict[st
     import polars as pl
     import pyarrow as pa
 
-    scalars = {
-        "string": pa.string(), "bool": pa.bool_(), "int64": pa.int64(), "float": pa.float32(), "double": pa.float64(),
-    }  # fmt: skip
-    type_ = scalars[column.scalar]
+    type_ = _scalars()[column.scalar]
     dtype = table.schema[name]
     shape = dtype.shape if isinstance(dtype, pl.Array) else ()
     if len(shape) != len(column.lengths):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -67,6 +68,18 @@ def test_a_salvaged_demonstration_says_so_in_its_row(cut: Callable[[bool], Proje
     assert "messages before" in rows["lost"][1]
     assert rows["duration_s"][1] < rows["duration_s"][0]
     assert read_table(project.table("sweep", "rejected"), "rejected").is_empty()
+
+
+def test_what_is_no_file_is_rejected_and_not_waited_for(make_project: Make, parameters: dict[str, Any]) -> None:
+    parameters["ingest"]["on_rejected"] = "continue"
+    project = make_project(parameters)
+    os.mkfifo(project.root / "mine" / "pipe.mcap")
+    (project.root / "mine" / "folder.mcap").mkdir()
+    (project.root / "mine" / "nowhere.mcap").symlink_to("gone.mcap")
+    ingest.run(project, "sweep")
+    rejected = read_table(project.table("sweep", "rejected"), "rejected")
+    assert rejected["source"].to_list() == ["folder.mcap", "nowhere.mcap", "pipe.mcap"]
+    assert set(rejected["reason"]) == {"unreadable"}
 
 
 @pytest.mark.parametrize("salvage", [False, True])

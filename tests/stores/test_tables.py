@@ -117,3 +117,21 @@ def test_every_schema_loads_and_documents_every_column() -> None:
         assert all(column.description and column.scalar for column in contract.columns)
     with pytest.raises(KeyError, match="no schema named 'x'"):
         schemas.schema("x")
+
+
+def test_a_flipped_bit_in_a_table_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    write_table(path, "demonstrations", demonstrations(), {"seed": 3})
+    whole = path.read_bytes()
+    places = np.random.default_rng(1).choice(8 * len(whole), 300, replace=False)
+    noticed: list[str] = []
+    for place in places.tolist():
+        damaged = bytearray(whole)
+        damaged[place // 8] ^= 1 << (place % 8)
+        path.write_bytes(damaged)
+        try:
+            assert read_table(path, "demonstrations").equals(demonstrations())
+        except TableError as error:
+            noticed.append(str(error))
+    assert len(noticed) > 100
+    assert not any("\n" in message for message in noticed)
