@@ -50,6 +50,9 @@ def main() -> None:
         subprocess.run(
             [rerun, "rrd", "verify", ROOT / "datasets" / folder / "inspect.rrd"], check=True, env=quiet_environment()
         )
+    report = (ROOT / "datasets" / "report.html").read_text(encoding="utf-8")
+    expect(len(report) < 10_000_000 and report.count("<figure") > 30, "a report with all figures under 10 MB")
+    expect("are out of date" not in report, "a report of what is there now")
     known = set(ask(ROOT / "datasets" / "catalog.duckdb", "select table_name from duckdb_tables()")["table_name"])
     expect(known == {*schemas.names(), FILES, INPUTS}, "a catalog of the tables with a schema and their files")
     expect(

@@ -147,6 +147,14 @@ def catalog() -> None:
     run(_project())
 
 
+@app.command(rich_help_panel=STAGES)
+def report() -> None:
+    """Write datasets/report.html: one file with the results, their figures and how they were made."""
+    from pipeline.stages.report import run
+
+    run(_project())
+
+
 class Format(StrEnum):
     """How an answer is given."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import polars as pl
 from matplotlib.figure import Figure
@@ -31,7 +30,6 @@ from pipeline.studies.headline import Numbers, studies_headline, task_headline
 from pipeline.studies.robustness import COMPARED
 from pipeline.studies.robustness_views import accuracy, entropies, example, middle_size
 
-FOLDER, METRICS = "figures", "metrics.json"
 ROBUSTNESS = (
     "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity", "sensitivity_summary",
     "duplicates_summary",
@@ -61,7 +59,7 @@ def run(project: Project, name: str) -> None:
         recordings = view.demonstrations.height, read_table(project.table(name, "rejected"), "rejected").height
         beliefs = {model: steps[-1] for model, steps in view.beliefs.items()}
         numbers = task_headline(beliefs, view.labels, held_out, tables.get("robustness_summary"), recordings)
-        record.produced = _write(project.datasets / name, figures, numbers)
+        record.produced = _write(project, name, figures, numbers)
 
 
 def run_studies(project: Project) -> None:
@@ -82,7 +80,7 @@ def run_studies(project: Project) -> None:
             "grid_world_density": density_figure(tables["paths"], tables["density_1d"], tables["density_2d"]),
         }
         tests = read_table(project.table(STUDIES, "human_choice_tests"), "human_choice_tests")
-        record.produced = _write(project.datasets / STUDIES, figures, studies_headline(tests, tables["summary"]))
+        record.produced = _write(project, STUDIES, figures, studies_headline(tests, tables["summary"]))
 
 
 def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:
@@ -106,9 +104,9 @@ def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], mea
     return figures
 
 
-def _write(folder: Path, figures: Mapping[str, Figure], numbers: Numbers) -> str:
-    with folder_written_whole(folder / FOLDER) as partial:
-        for name, figure in figures.items():
-            write_figure(partial, name, figure)
-    write_metrics(folder / METRICS, numbers)
+def _write(project: Project, name: str, figures: Mapping[str, Figure], numbers: Numbers) -> str:
+    with folder_written_whole(project.figures(name)) as partial:
+        for title, figure in figures.items():
+            write_figure(partial, title, figure)
+    write_metrics(project.metrics(name), numbers)
     return f"{len(figures)} figures"

@@ -58,6 +58,14 @@ class Project:
         """The Parquet file of table `name` of a task or of `studies`."""
         return self.datasets / task / f"{name}.parquet"
 
+    def figures(self, task: str) -> Path:
+        """The folder of the figures of a task or of `studies`."""
+        return self.datasets / task / "figures"
+
+    def metrics(self, task: str) -> Path:
+        """The headline numbers of a task or of `studies`."""
+        return self.datasets / task / "metrics.json"
+
     def path(self, given: str) -> Path:
         """A path of params.yaml."""
         return self.root / given

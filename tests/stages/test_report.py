@@ -1,0 +1,92 @@
+"""The report of a small project, also as a browser shows it: whole, readable, and alone."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import PROGRAM, chromium_page
+
+from pipeline.errors import WorkbenchError
+from pipeline.stages import catalog, density, featurize, figures, infer, ingest, report, sample
+from pipeline.stages.project import Project, recorded_runs
+
+Make = Callable[[dict[str, Any]], Project]
+
+
+@pytest.fixture
+def reported(make_project: Make, parameters: dict[str, Any]) -> Project:
+    """One task with three good recordings and one that is cut off, and its report."""
+    parameters["sample"] |= {"sampler": "deformation", "sizes": [5]}
+    parameters["ingest"]["on_rejected"] = "continue"
+    project = make_project(parameters)
+    whole = (project.root / "mine" / "demo-0.mcap").read_bytes()
+    (project.root / "mine" / "cut & <b>off.mcap").write_bytes(whole[: len(whole) // 2])
+    for stage in (ingest, sample, featurize, density, infer, figures):
+        stage.run(project, "sweep")
+    catalog.run(project)
+    report.run(project)
+    return project
+
+
+def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> None:
+    path = reported.datasets / "report.html"
+    page = path.read_text()
+    assert re.findall("<h2>(.+)</h2>", page) == [
+        "In short", "What to be careful about", "Task: sweep", "Made with", "Parameters",
+    ]  # fmt: skip
+    assert page.count("<figure") == len(list(reported.figures("sweep").glob("*.svg"))) == 4
+    assert "Task sweep: 1 of 4 recordings were rejected" in page
+    assert "cut &amp; &lt;b&gt;off.mcap" in page
+    assert "<b>" not in page
+    for word in ("person-2", "demo-1.mcap", "effort", "held-out (nat)", "gantry.xml", "mujoco", "theta_values"):
+        assert word in page, word
+    assert recorded_runs(reported)[-1]["produced"] == f"{path.stat().st_size / 1e6:.1f} MB"
+    before = path.read_bytes()
+    report.run(reported)
+    assert path.read_bytes() == before
+
+    # a recording that no posterior knows yet
+    shutil.copy(reported.root / "mine" / "demo-0.mcap", reported.root / "mine" / "demo-9.mcap")
+    ingest.run(reported, "sweep")
+    catalog.run(reported)
+    report.run(reported)
+    page = (reported.datasets / "report.html").read_text()
+    assert "tables are out of date" in page
+    assert "Task sweep: 1 of 5 recordings were rejected" in page
+
+
+def test_without_a_catalog_there_is_a_sentence(make_project: Make, parameters: dict[str, Any]) -> None:
+    with pytest.raises(WorkbenchError, match=r"no catalog yet; make it with `dvc repro`"):
+        report.run(make_project(parameters))
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="there is no Chromium here (apt-get install chromium)")
+def test_a_browser_shows_all_of_it_and_fetches_nothing(reported: Project, tmp_path: Path) -> None:
+    path = reported.datasets / "report.html"
+    with chromium_page(tmp_path / "profile") as page:
+        for width in (390, 1200):
+            page.open(path, width)
+            assert page.ask("document.title") == "LESS Workbench: sweep"
+            shown = page.ask(
+                "[...document.images].map(i => [i.complete, i.naturalWidth, i.getBoundingClientRect().height])"
+            )
+            assert len(shown) == 4
+            assert all(complete and natural > 100 and height > 50 for complete, natural, height in shown), shown
+            text = page.ask("document.body.innerText")
+            for words in ("What to be careful about", "Boltzmann", "cut & <b>off.mcap", "person-2", "theta_values"):
+                assert words in text, words
+            assert page.ask("document.documentElement.scrollWidth <= innerWidth"), f"wider than a screen of {width}"
+        assert [address for address in page.requests if not address.startswith(("file:", "data:"))] == []
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            listener.setblocking(False)
+            address = f"http://127.0.0.1:{listener.getsockname()[1]}/x.png"
+            put = f"const i = new Image(); i.onload = () => done('loaded'); i.onerror = () => done('refused'); i.src = '{address}'"
+            assert page.ask(f"new Promise(done => {{ {put} }})") == "refused"
+            with pytest.raises(BlockingIOError):
+                listener.accept()
