@@ -40,7 +40,7 @@ __all__ = [
 ]
 
 _HOPELESS_AFTER = 2000  # proposals before a low acceptance is called hopeless
-_KEPT, _OUTSIDE, _REFUSED = range(3)  # the fate of a proposal
+_KEPT, _OUTSIDE, _REFUSED = _FATES = range(3)  # of a proposal
 
 
 class Sampler(Protocol):
@@ -277,28 +277,30 @@ def draw_admissible(
     if count < 1 or n_waypoints < 2:
         raise ArgumentError(f"count is {count} and n_waypoints {n_waypoints}; allowed are >= 1 and >= 2.")
     require_anchor_within(anchor, lower, upper)
-    rounds: list[Array] = []
-    names: list[str] = []
-    fates: list[int] = []
+    rounds: list[tuple[Array, NDArray[np.object_]]] = []
+    fates: Counter[tuple[str, int]] = Counter()
     missing = count
     while missing:
         paths, fate, drawn_by = _judged(sampler, rng, anchor, missing, n_waypoints, lower, upper, admissible)
-        rounds.append(paths[fate == _KEPT])
-        fates.extend(fate.tolist())
-        names.extend(drawn_by.tolist())
-        missing -= len(rounds[-1])
-        if len(fates) >= _HOPELESS_AFTER and count - missing < least_acceptance * len(fates):
+        kept = fate == _KEPT
+        rounds.append((paths[kept], drawn_by[kept]))
+        fates.update(zip(drawn_by.tolist(), fate.tolist(), strict=True))
+        missing -= int(kept.sum())
+        proposed = fates.total()
+        if proposed >= _HOPELESS_AFTER and count - missing < least_acceptance * proposed:
+            outside, refused = (sum(n for (_, fate), n in fates.items() if fate == why) for why in (_OUTSIDE, _REFUSED))
             raise StageError(
-                f"sampler {sampler.name!r} had {count - missing} of {len(fates)} paths accepted "
-                f"({fates.count(_OUTSIDE)} left the joint limits, {fates.count(_REFUSED)} were not allowed by the "
+                f"sampler {sampler.name!r} had {count - missing} of {proposed} paths accepted "
+                f"({outside} left the joint limits, {refused} were not allowed by the "
                 f"scene), at least {least_acceptance:g} of them must be; make it narrower or move the start and goal."
             )
-    kept_by = tuple(name for name, fate in zip(names, fates, strict=True) if fate == _KEPT)
-    counts = Counter(zip(names, fates, strict=True))
+    waypoints = np.concatenate([paths for paths, _ in rounds])
+    waypoints.setflags(write=False)
     tallies = tuple(
-        Tally(name, names.count(name), counts[name, _OUTSIDE], counts[name, _REFUSED]) for name in sorted(set(names))
+        Tally(name, sum(fates[name, fate] for fate in _FATES), fates[name, _OUTSIDE], fates[name, _REFUSED])
+        for name in sorted({name for name, _ in fates})
     )
-    return Draw(frozen(np.concatenate(rounds)), kept_by, tallies)
+    return Draw(waypoints, tuple(np.concatenate([names for _, names in rounds])), tallies)
 
 
 def _judged(
