@@ -1,52 +1,201 @@
-"""Stage: the scale of the features, and the kernel density of each set of alternatives at its own members."""
+"""Stage: the scale of the features, and the kernel density of each set of alternatives at its own members.
+
+Sets of up to one partition are computed whole, side by side. A larger set goes through part by part: its bounds, its
+sketch, and its kernel sums, each a fold over its rows; see `pipeline.choice.partitions`.
+"""
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import groupby
+from operator import add
+from pathlib import Path
+
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
-from pipeline.choice import log_density, select_bandwidth
-from pipeline.choice.scaling import feature_scale
-from pipeline.stages.progress import tracked
-from pipeline.stages.project import Project, recorded_run
+from pipeline.choice import Bandwidth, choose_engine, log_density, select_bandwidth
+from pipeline.choice.engines import LONGEST_S, pair_seconds
+from pipeline.choice.partitions import log_sums_of_part, log_sums_over_part, sketch_grid, sketch_of_part
+from pipeline.choice.scaling import Spread
+from pipeline.choice.sketch import Grid, Sketch
+from pipeline.errors import StageError
+from pipeline.stages.folds import Workers, workers
+from pipeline.stages.parts import PARTITIONS, Piece, Scaled, SetRows, batches, contents, cut, gathered, read_pieces
+from pipeline.stages.project import SCRATCH, Project, recorded_run
 from pipeline.stages.provenance import provenance
-from pipeline.stores.tables import read_table, write_table
+from pipeline.stores.tables import GROUPS, read_table, table_writer, write_table
 
-SET = ("anchor", "set_size", "set_id")
+Floats = NDArray[np.float64]
+IN_MEMORY = 20_000_000  # rows of a set that are read at once where there is no other way
+
+
+@dataclass(frozen=True, eq=False)
+class Sketched:
+    """A part of a set whose sketch is known.
+
+    Attributes:
+        features: of all sets.
+        rows: of the part.
+        sigma: the set's bandwidth.
+        grid, coefficients: the set's sketch; a file, as it may be large.
+        parts: all parts of the set.
+    """
+
+    features: Scaled
+    rows: tuple[Piece, ...]
+    sigma: float
+    grid: Grid
+    coefficients: Path
+    parts: tuple[tuple[Piece, ...], ...]
 
 
 def run(project: Project, name: str) -> None:
     """Write scales.parquet and densities.parquet of the task `name`."""
     project.params.task(name)
-    with recorded_run(project, "density", name) as record:
+    partition = project.params.compute.partition
+    with recorded_run(project, "density", name) as record, workers(project) as pool:
         sources = [project.table(name, "features"), project.table(name, "feature_units")]
-        pool = read_table(sources[0], "features").filter(kind="alternative")
+        sets = contents(sources[0], "features").sets
         units = read_table(sources[1], "feature_units")
-        names = tuple(units["feature"])
-        method = project.params.features.scale
-        scale = feature_scale(pool.select(names).to_numpy(), method, names)
+        names, method = tuple(units["feature"]), project.params.features.scale
+        scale = _spread(pool, sources[0], names, sets).scale(method, names)
         used = pl.lit(method if isinstance(method, str) else "given")
         scales = units.select("feature", "unit", method=used, scale=pl.Series(scale))
-        sets = pool.partition_by(SET, maintain_order=True)
-        bandwidth = project.params.density.bandwidth
-        parts = [_set_density(rows, scale, names, bandwidth) for rows in tracked(sets, f"density {name}")]
         stated = provenance(project, depends_on(project), sources)
         write_table(project.table(name, "scales"), "scales", scales, stated)
-        write_table(project.table(name, "densities"), "densities", pl.concat(parts), stated)
-        record.produced = f"{len(sets)} sets, {pool.height:,} log densities"
+        features, bandwidth = Scaled(sources[0], names, scale), project.params.density.bandwidth
+        with (
+            table_writer(project.table(name, "densities"), "densities", stated) as writer,
+            gathered(writer, partition) as table,
+        ):
+            for large, some in groupby(sets, lambda one: one.rows > partition):
+                if large:
+                    for one in some:
+                        for rows in _streamed(project, pool, features, one, bandwidth):
+                            table.add(rows)
+                else:
+                    jobs = [(features, batch, bandwidth) for batch in batches(list(some), 4 * pool.count, partition)]
+                    for rows in pool.mapped(set_densities, jobs, f"density {name}"):
+                        table.add(rows)
+        record.produced = f"{len(sets)} sets, {table.rows:,} log densities"
 
 
 def depends_on(project: Project) -> list[object]:
     """The parameters that the tables depend on."""
-    return [project.params.features.scale, project.params.density]
+    return [project.params.features.scale, project.params.density, project.params.compute.partition]
 
 
-def _set_density(rows: pl.DataFrame, scale: np.ndarray, names: tuple[str, ...], bandwidth: str | float) -> pl.DataFrame:
-    phi = rows.select(names).to_numpy() / scale
-    sigma = select_bandwidth(phi, bandwidth).value if isinstance(bandwidth, str) else bandwidth
+def _spread(pool: Workers, path: Path, names: tuple[str, ...], sets: Sequence[SetRows]) -> Spread:
+    pieces = sorted((piece for one in sets for piece in one.pieces), key=lambda piece: (piece.part, piece.first))
+    unscaled = Scaled(path, names, np.ones(len(names)))
+    jobs = [(unscaled, tuple(part)) for _, part in groupby(pieces, lambda piece: piece.part)]
+    return reduce(add, pool.mapped(spread_of, jobs, "spread of the features"))
+
+
+def spread_of(job: tuple[Scaled, Sequence[Piece]]) -> Spread:
+    """Of the features of some rows."""
+    features, rows = job
+    return Spread.of(features.read(rows))
+
+
+def set_densities(job: tuple[Scaled, Sequence[SetRows], str | float]) -> pl.DataFrame:
+    """Rows of densities.parquet for whole sets."""
+    features, sets, bandwidth = job
+    pieces = [piece for one in sets for piece in one.pieces]
+    rows = read_pieces(features.path, "features", pieces, [*GROUPS, "id", *features.names])
+    tables, first = [], 0
+    for one in sets:
+        own = rows.slice(first, one.rows)
+        first += one.rows
+        phi = own.select(features.names).to_numpy() / features.scale
+        sigma = select_bandwidth(phi, bandwidth)
+        engine = choose_engine(phi, sigma.value).engine
+        tables.append(_rows(own, sigma, log_density(phi, sigma.value, engine=engine), engine))
+    return pl.concat(tables)
+
+
+def _rows(rows: pl.DataFrame, sigma: Bandwidth, log_sums: Floats, engine: str) -> pl.DataFrame:
     return rows.select(
-        *SET,
+        *GROUPS,
         alternative_id="id",
-        bandwidth=pl.lit(float(sigma)),
-        log_density=pl.Series(log_density(phi, sigma)),
+        bandwidth=pl.lit(sigma.value),
+        rows_scored=pl.lit(sigma.rows_scored, pl.Int64),
+        bandwidth_error=pl.lit(sigma.value_error, pl.Float64),
+        engine=pl.lit(engine),
+        log_density=pl.Series(log_sums),
     )
+
+
+def _streamed(
+    project: Project, pool: Workers, features: Scaled, one: SetRows, bandwidth: str | float
+) -> Iterator[pl.DataFrame]:
+    """Rows of densities.parquet for a set larger than a partition, in parts of a partition."""
+    partition, what = project.params.compute.partition, f"density {one.set_id}"
+    parts = tuple(one.between(first, first + count) for first, count in cut(one.rows, PARTITIONS * partition))
+    sigma = _bandwidth(features, one, bandwidth)
+    spread = reduce(add, pool.mapped(spread_of, [(features, rows) for rows in parts], f"{what}: bounds"))
+    lower, upper = spread.lower.tolist(), spread.upper.tolist()
+    grid = sketch_grid(lower, upper, sigma.value, one.rows, min(one.rows, PARTITIONS * partition))
+    if grid is None:
+        phi = _whole(features, one, "their features are too many, or the bandwidth too narrow, for a sketch")
+        engine = choose_engine(phi, sigma.value).engine
+        log_sums = log_density(phi, sigma.value, engine=engine)
+        for first, count in cut(one.rows, partition):
+            rows = read_pieces(features.path, "features", one.between(first, first + count), [*GROUPS, "id"])
+            yield _rows(rows, sigma, log_sums[first : first + count], engine)
+        return
+    scratch = project.root / SCRATCH
+    scratch.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix="density-", dir=scratch) as folder:
+        file = Path(folder) / "coefficients.npy"
+        sketches = pool.mapped(sketch_of, [(features, rows, grid) for rows in parts], f"{what}: sketch")
+        np.save(file, reduce(add, sketches).coefficients)
+        jobs = [Sketched(features, rows, sigma.value, grid, file, parts) for rows in parts]
+        for part, log_sums in zip(parts, pool.mapped(log_sums_of, jobs, f"{what}: kernel sums"), strict=True):
+            known = read_pieces(features.path, "features", part, [*GROUPS, "id"])
+            table = _rows(known, sigma, log_sums, "spectral")
+            yield from (table.slice(first, count) for first, count in cut(table.height, partition))
+
+
+def sketch_of(job: tuple[Scaled, Sequence[Piece], Grid]) -> Sketch:
+    """Of some rows."""
+    features, rows, grid = job
+    return sketch_of_part(features.read(rows), grid)
+
+
+def log_sums_of(part: Sketched) -> Floats:
+    """(M,) log kernel sums over the whole set at the rows of a part."""
+    total = sum(piece.count for rows in part.parts for piece in rows)
+    sketch = Sketch(part.grid, np.load(part.coefficients, mmap_mode="r"), float(total))
+    phi = part.features.read(part.rows)
+    log_sums, wrong = log_sums_of_part(phi, sketch, part.sigma)
+    if wrong.any():
+        if pair_seconds(float(wrong.sum()) * total) > LONGEST_S:
+            raise StageError(
+                f"{wrong.sum():,} of {len(phi):,} rows are too isolated in a set of {total:,} for its sketch, and all pairs "
+                "would take hours; use a wider density.bandwidth or fewer alternatives"
+            )
+        sums = (log_sums_over_part(phi[wrong], part.features.read(rows), part.sigma) for rows in part.parts)
+        log_sums[wrong] = reduce(np.logaddexp, sums)
+    return log_sums
+
+
+def _bandwidth(features: Scaled, one: SetRows, bandwidth: str | float) -> Bandwidth:
+    if not isinstance(bandwidth, str):
+        return Bandwidth(float(bandwidth), None, "fixed", True)
+    return select_bandwidth(_whole(features, one, "a bandwidth is selected in memory"), bandwidth)
+
+
+def _whole(features: Scaled, one: SetRows, reason: str) -> Floats:
+    """(N, F) of a set that must be in memory after all."""
+    if one.rows > IN_MEMORY:
+        raise StageError(
+            f"the set {one.set_id!r} has {one.rows:,} alternatives and {reason}, up to {IN_MEMORY:,} are possible; give "
+            "density.bandwidth as a number, wide enough for up to three features, or use fewer alternatives"
+        )
+    return features.read(one.pieces)

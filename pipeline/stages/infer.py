@@ -1,48 +1,100 @@
 """Stage: the posterior over theta and beta under every model, for every set, each demonstration and all together.
 
-The same log likelihoods score how well each model predicts a demonstration from the others.
+The same log likelihoods score how well each model predicts a demonstration from the others. Sets of up to one partition
+are computed whole, side by side; a larger set is a fold over its parts, see `pipeline.choice.partitions`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import groupby
+from pathlib import Path
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from pipeline.choice import LESS, AttributeRule, Boltzmann, held_out_from, log_likelihood, posterior_from, theta_grid
 from pipeline.choice.models import Model
+from pipeline.choice.partitions import JoinedSums, joined_sums
 from pipeline.errors import StageError
 from pipeline.params import Infer, Task
-from pipeline.stages.progress import tracked
+from pipeline.stages.folds import Workers, workers
+from pipeline.stages.parts import PARTITIONS, Contents, Piece, Scaled, SetRows, contents, cut, read_pieces
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.provenance import provenance
-from pipeline.stores.tables import read_table, write_table
+from pipeline.stores.tables import GROUPS, part_rows, read_part, read_table, write_table
 
+Floats = NDArray[np.float64]
 Group = tuple[str, str, list[int]]  # demonstration_id, participant, rows of the demonstrations
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """What the likelihoods of a task's demonstrations are wanted for.
+
+    Attributes:
+        features: of the alternatives.
+        models: labels of the models.
+        ids: of the n demonstrations.
+        demonstrations: (n, F) their scaled features.
+        thetas, betas: the hypotheses.
+    """
+
+    features: Scaled
+    models: tuple[str, ...]
+    ids: tuple[str, ...]
+    demonstrations: Floats
+    thetas: Floats
+    betas: Floats
+
+    def of(self, anchor: str) -> list[int]:
+        """Which demonstrations alternatives with this anchor are compared with: all, or its own."""
+        return [row for row, key in enumerate(self.ids) if anchor in ("task", key)]
+
+    def unknown(self) -> Floats:
+        """(n, K, B) of NaN."""
+        return np.full((len(self.ids), len(self.thetas), len(self.betas)), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part of a set that does not go through at once.
+
+    Attributes:
+        question: what is asked.
+        anchor: of the set.
+        rows: of the features.
+        densities: file of the log kernel sums.
+        density_rows: of the same alternatives in it.
+        sigma: the set's bandwidth.
+    """
+
+    question: Question
+    anchor: str
+    rows: tuple[Piece, ...]
+    densities: Path
+    density_rows: tuple[Piece, ...]
+    sigma: float
 
 
 def run(project: Project, name: str) -> None:
     """Write posteriors.parquet and held_out.parquet of the task `name`."""
-    task, settings = project.params.task(name), project.params.infer
-    with recorded_run(project, "infer", name) as record:
+    task, settings, partition = project.params.task(name), project.params.infer, project.params.compute.partition
+    with recorded_run(project, "infer", name) as record, workers(project) as pool:
         sources = [project.table(name, table) for table in ("demonstrations", "features", "scales", "densities")]
         people = read_table(sources[0], "demonstrations", ["demonstration_id", "participant"])
-        features = _scaled(read_table(sources[1], "features"), read_table(sources[2], "scales"))
-        bandwidths = read_table(sources[3], "densities").unique(["anchor", "set_size", "set_id"], maintain_order=True)
-        thetas, betas = hypotheses(task, settings), np.array(settings.betas)
-        demonstrations = people.join(
-            features.filter(kind="demonstration"), left_on="demonstration_id", right_on="id", maintain_order="left"
-        )
-        groups = _groups(people)
-        sets = bandwidths.partition_by("set_size", "set_id", maintain_order=True)
+        there = contents(sources[1], "features")
+        question = _question(task, settings, people, there, sources[1], read_table(sources[2], "scales"))
+        groups, thetas, betas = _groups(people), question.thetas, question.betas
         posteriors, held_out = [], []
-        for anchored in tracked(sets, f"infer {name}"):
-            for label in settings.models:
-                values = _log_likelihoods(label, anchored, demonstrations, features, thetas, betas)
-                set_size, set_id = anchored.row(0, named=True)["set_size"], anchored.row(0, named=True)["set_id"]
-                question = {"task": name, "model": label, "set_size": set_size, "set_id": set_id}
-                columns = [pl.lit(value).alias(column) for column, value in question.items()]
+        for sets, found in _likelihoods(pool, question, there, sources[3], partition, f"infer {name}"):
+            for label, values in found.items():
+                _check_complete(values, question.ids)
+                about = {"task": name, "model": label, "set_size": sets[0].set_size, "set_id": sets[0].set_id}
+                columns = [pl.lit(value).alias(column) for column, value in about.items()]
                 posteriors.append(_posteriors(groups, values, thetas, betas).with_columns(columns))
                 held_out.append(_held_out(people, values).with_columns(columns))
         stated = provenance(project, depends_on(project, name), sources)
@@ -54,7 +106,7 @@ def run(project: Project, name: str) -> None:
 
 def depends_on(project: Project, name: str) -> list[object]:
     """The parameters that the tables depend on."""
-    return [project.params.task(name).thetas, project.params.infer]
+    return [project.params.task(name).thetas, project.params.infer, project.params.compute.partition]
 
 
 def hypotheses(task: Task, settings: Infer) -> np.ndarray:
@@ -72,13 +124,127 @@ def choice_model(label: str, bandwidth: float) -> Model:
     return models[label]
 
 
-def _scaled(features: pl.DataFrame, scales: pl.DataFrame) -> pl.DataFrame:
-    names = scales["feature"].to_list()
-    absent = [name for name in names if name not in features.columns]
-    if absent:
-        raise StageError(f"features.parquet lacks the feature {absent[0]!r} that scales.parquet has; run `dvc repro`")
-    phi = features.select(names).to_numpy() / scales["scale"].to_numpy()
-    return features.drop(names).with_columns(phi=pl.Series(phi, dtype=pl.Array(pl.Float64, len(names))))
+def _question(
+    task: Task, settings: Infer, people: pl.DataFrame, there: Contents, path: Path, scales: pl.DataFrame
+) -> Question:
+    features = Scaled(path, tuple(scales["feature"]), scales["scale"].to_numpy())
+    rows = read_pieces(path, "features", there.others, ["id", *features.names])
+    rows = people.join(rows, left_on="demonstration_id", right_on="id", how="left", maintain_order="left")
+    if rows.select(features.names).null_count().sum_horizontal().item():
+        absent = rows.filter(pl.any_horizontal(pl.col(features.names).is_null()))["demonstration_id"][0]
+        raise StageError(f"{path}: lacks the demonstration {absent!r} that demonstrations.parquet has; run `dvc repro`")
+    phi = np.ascontiguousarray(rows.select(features.names).to_numpy() / features.scale)
+    thetas, betas = hypotheses(task, settings), np.array(settings.betas)
+    return Question(features, settings.models, tuple(people["demonstration_id"]), phi, thetas, betas)
+
+
+def _likelihoods(
+    pool: Workers, question: Question, there: Contents, densities: Path, partition: int, what: str
+) -> Iterator[tuple[tuple[SetRows, ...], dict[str, Floats]]]:
+    """The sets of each size and number, of all anchors, with (n, K, B) log likelihoods under each model."""
+    known, sigmas = {one.key: one for one in contents(densities, "densities").sets}, _bandwidths(densities)
+    for one in there.sets:
+        if one.key not in known or known[one.key].rows != one.rows:
+            raise StageError(
+                f"{densities}: has not the {one.rows} alternatives of set {'/'.join(map(str, one.key))} that "
+                "features.parquet has; run `dvc repro`"
+            )
+    alike: dict[tuple[int, str], list[SetRows]] = {}
+    for one in there.sets:
+        alike.setdefault((one.set_size, one.set_id), []).append(one)
+    sets = [tuple(some) for some in alike.values()]
+    for large, some in groupby(sets, lambda same: max(one.rows for one in same) > partition):
+        if large:
+            for same in some:
+                yield same, _streamed(pool, question, same, densities, known, sigmas, partition, what)
+        else:
+            small = list(some)
+            jobs = [(question, same, tuple(sigmas[one.key] for one in same)) for same in small]
+            yield from zip(small, pool.mapped(set_likelihoods, jobs, what), strict=True)
+
+
+def _bandwidths(path: Path) -> dict[tuple[str, int, str], float]:
+    """The bandwidth of each set."""
+    found: dict[tuple[str, int, str], float] = {}
+    for number in range(len(part_rows(path, "densities"))):
+        part = read_part(path, "densities", number, [*GROUPS, "bandwidth"]).unique(GROUPS, maintain_order=True)
+        found |= {(anchor, size, set_id): sigma for anchor, size, set_id, sigma in part.iter_rows()}
+    return found
+
+
+def set_likelihoods(job: tuple[Question, tuple[SetRows, ...], tuple[float, ...]]) -> dict[str, Floats]:
+    """(n, K, B) under each model: each demonstration against the alternatives that share its anchor."""
+    question, sets, sigmas = job
+    found = {label: question.unknown() for label in question.models}
+    for one, sigma in zip(sets, sigmas, strict=True):
+        mine = question.of(one.anchor)
+        if not mine:
+            continue
+        # row by row in memory, so that sums over features round as they always did
+        alternatives = np.ascontiguousarray(question.features.read(one.pieces))
+        phi = question.demonstrations[mine]
+        for label, values in found.items():
+            model = choice_model(label, sigma)
+            values[mine] = log_likelihood(model, phi, alternatives, question.thetas, question.betas)
+    return found
+
+
+def _streamed(
+    pool: Workers, question: Question, sets: tuple[SetRows, ...], densities: Path,
+    known: Mapping[tuple[str, int, str], SetRows], sigmas: Mapping[tuple[str, int, str], float], partition: int, what: str,
+) -> dict[str, Floats]:  # fmt: skip
+    """(n, K, B) under each model, each set a fold over its parts."""
+    if "attribute-rule" in question.models:
+        raise StageError(
+            f"infer.models lists attribute-rule, which compares every alternative with all others, and the set "
+            f"{sets[0].set_id!r} of {sets[0].rows:,} is larger than compute.partition ({partition:,}); leave that model out, "
+            "or make the partition larger"
+        )
+    found = {label: question.unknown() for label in question.models}
+    for one in sets:
+        mine = question.of(one.anchor)
+        if not mine:
+            continue
+        ranges = [(first, first + count) for first, count in cut(one.rows, PARTITIONS * partition)]
+        jobs = [
+            Part(question, one.anchor, one.between(*rows), densities, known[one.key].between(*rows), sigmas[one.key])
+            for rows in ranges
+        ]
+        sums = reduce(_added, pool.mapped(part_sums, jobs, f"{what} {one.set_id}"))
+        phi = question.demonstrations[mine]
+        for label, values in found.items():
+            values[mine] = sums[label].log_likelihood(phi, question.thetas, question.betas, phi.mean(axis=0))
+    return found
+
+
+def part_sums(part: Part) -> dict[str, JoinedSums]:
+    """What a part of a set adds under each model."""
+    question = part.question
+    own = read_pieces(part.densities, "densities", part.density_rows, ["alternative_id", "log_density"])
+    rows = read_pieces(question.features.path, "features", part.rows, ["id", *question.features.names])
+    if not own["alternative_id"].equals(rows["id"]):
+        raise StageError(f"{part.densities}: its alternatives are not those of features.parquet; run `dvc repro`")
+    phi = question.demonstrations[question.of(part.anchor)]
+    alternatives = rows.select(question.features.names).to_numpy() / question.features.scale
+    weights = {"less": own["log_density"].to_numpy(), "boltzmann": None}
+    return {
+        label: joined_sums(
+            alternatives, phi, question.thetas, question.betas, phi.mean(axis=0), weights[label], part.sigma
+        )
+        for label in question.models
+    }
+
+
+def _added(one: Mapping[str, JoinedSums], other: Mapping[str, JoinedSums]) -> dict[str, JoinedSums]:
+    return {label: one[label] + other[label] for label in one}
+
+
+def _check_complete(values: Floats, ids: Sequence[str]) -> None:
+    missing = np.isnan(values).any(axis=(1, 2))
+    if missing.any():
+        raise StageError(
+            f"demonstration {ids[int(missing.argmax())]!r} has no alternatives with its anchor; run `dvc repro`"
+        )
 
 
 def _groups(people: pl.DataFrame) -> list[Group]:
@@ -92,26 +258,7 @@ def _groups(people: pl.DataFrame) -> list[Group]:
     return [*singles, *several, ("all", "all", list(range(len(singles))))]
 
 
-def _log_likelihoods(
-    label: str, anchored: pl.DataFrame, demonstrations: pl.DataFrame, features: pl.DataFrame,
-    thetas: np.ndarray, betas: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """(n, K, B): each demonstration against the alternatives that share its anchor."""
-    values = np.full((demonstrations.height, len(thetas), len(betas)), np.nan)
-    ids = demonstrations["demonstration_id"].to_numpy()
-    phi = demonstrations["phi"].to_numpy()
-    for row in anchored.iter_rows(named=True):
-        mine = ids == row["anchor"] if row["anchor"] != "task" else np.ones(len(ids), dtype=bool)
-        same = (pl.col("anchor") == row["anchor"]) & (pl.col("set_size") == row["set_size"])
-        alternatives = features.filter(same & (pl.col("set_id") == row["set_id"]))["phi"].to_numpy()
-        values[mine] = log_likelihood(choice_model(label, row["bandwidth"]), phi[mine], alternatives, thetas, betas)
-    if np.isnan(values).any():
-        missing = ids[np.isnan(values).any(axis=(1, 2))][0]
-        raise StageError(f"demonstration {missing!r} has no alternatives with its anchor; run `dvc repro`")
-    return values
-
-
-def _posteriors(groups: Sequence[Group], values: np.ndarray, thetas: np.ndarray, betas: np.ndarray) -> pl.DataFrame:
+def _posteriors(groups: Sequence[Group], values: Floats, thetas: Floats, betas: Floats) -> pl.DataFrame:
     log_posterior = np.stack(
         [posterior_from(values[of].sum(axis=0), thetas, betas).log_probability for _, _, of in groups]
     )
@@ -129,7 +276,7 @@ def _posteriors(groups: Sequence[Group], values: np.ndarray, thetas: np.ndarray,
     )
 
 
-def _held_out(people: pl.DataFrame, values: np.ndarray) -> pl.DataFrame:
+def _held_out(people: pl.DataFrame, values: Floats) -> pl.DataFrame:
     """One row per demonstration; none of fewer than two, as there are no others to predict it from."""
     if people.height < 2:
         return people.clear().with_columns(log_predictive=pl.lit(None, pl.Float64))

@@ -7,10 +7,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from pipeline.stores.tables import GROUPS, KeyRanges, TableWriter, part_rows, read_part
 from schemas import schema
+
+Floats = NDArray[np.float64]
+PARTITIONS = 10  # of alternatives whose features are read at once: their rows are far smaller than waypoints
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,11 @@ class SetRows:
     pieces: tuple[Piece, ...]
 
     @property
+    def key(self) -> tuple[str, int, str]:
+        """Anchor, size and number of the set."""
+        return self.anchor, self.set_size, self.set_id
+
+    @property
     def rows(self) -> int:
         """How many."""
         return sum(piece.count for piece in self.pieces)
@@ -52,28 +62,41 @@ class SetRows:
         return tuple(found)
 
 
-def sets_of(path: Path, name: str) -> list[SetRows]:
-    """All sets of a table, in order of their first rows; its keys are checked from part to part.
+@dataclass(frozen=True)
+class Contents:
+    """Where the rows of a table are.
+
+    Attributes:
+        sets: all sets of alternatives, in order of their first rows.
+        others: rows of no set, such as demonstrations.
+    """
+
+    sets: tuple[SetRows, ...]
+    others: tuple[Piece, ...]
+
+
+def contents(path: Path, name: str) -> Contents:
+    """Where the rows of a table with sets of alternatives are; its keys are checked from part to part.
 
     Raises:
         TableError: the table is missing, breaks its schema, or has a key in two parts.
     """
     contract = schema(name)
-    keys, pieces = KeyRanges(path, contract), dict[tuple[str, int, str], list[Piece]]()
+    keys, pieces, others = KeyRanges(path, contract), dict[tuple[str, int, str], list[Piece]](), list[Piece]()
     for number in range(len(part_rows(path, name))):
         part = read_part(path, name, number, [*dict.fromkeys([*contract.key, *GROUPS])])
         keys.add(part)
         runs = (
             part.lazy()
-            .select(GROUPS, row=pl.int_range(pl.len()), run=pl.struct(GROUPS).rle_id())
-            .filter(pl.col("set_id").is_not_null())
+            .select(*GROUPS, row=pl.int_range(pl.len()), run=pl.struct(GROUPS).rle_id())
             .group_by("run", maintain_order=True)
             .agg(*(pl.col(column).first() for column in GROUPS), first=pl.col("row").first(), count=pl.len())
             .collect()
         )
         for _, anchor, set_size, set_id, first, count in runs.iter_rows():
-            pieces.setdefault((anchor, set_size, set_id), []).append(Piece(number, first, count))
-    return [SetRows(*key, tuple(found)) for key, found in pieces.items()]
+            piece = Piece(number, first, count)
+            (others if set_id is None else pieces.setdefault((anchor, set_size, set_id), [])).append(piece)
+    return Contents(tuple(SetRows(*key, tuple(found)) for key, found in pieces.items()), tuple(others))
 
 
 def read_pieces(path: Path, name: str, pieces: Sequence[Piece], columns: Sequence[str]) -> pl.DataFrame:
@@ -116,3 +139,35 @@ def cut(count: int, partition: int) -> Iterator[tuple[int, int]]:
     """(first, rows) of each part of `count` rows."""
     for first in range(0, count, partition):
         yield first, min(partition, count - first)
+
+
+def batches(sets: Sequence[SetRows], count: int, partition: int) -> list[tuple[SetRows, ...]]:
+    """Sets that follow each other in some `count` batches of about as many rows, up to a partition."""
+    most = min(-(-sum(one.rows for one in sets) // count), partition)
+    found: list[tuple[SetRows, ...]] = []
+    waiting: list[SetRows] = []
+    for one in sets:
+        if waiting and sum(other.rows for other in waiting) + one.rows > most:
+            found.append(tuple(waiting))
+            waiting = []
+        waiting.append(one)
+    return [*found, tuple(waiting)]
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """Scaled features of a task's table.
+
+    Attributes:
+        path: features.parquet.
+        names: of the features.
+        scale: (F,) what they are divided by.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    scale: Floats
+
+    def read(self, pieces: Sequence[Piece]) -> Floats:
+        """(M, F) of some rows."""
+        return np.asarray(read_pieces(self.path, "features", pieces, self.names).to_numpy() / self.scale)

@@ -19,6 +19,7 @@ from pipeline.stores.whole import held, written_whole
 
 RUNS = ".lessbench/runs"
 LOCKS = ".lessbench/locks"
+SCRATCH = ".lessbench/scratch"  # what the parts of one stage share; nothing outlives the stage
 WORKING = "working"  # the set_id of the set that is shown
 STUDIES = "studies"  # stands where a task's name would, for tables of no task
 

@@ -1,0 +1,205 @@
+"""Sets larger than a partition go through the stages part by part, with the results of the whole set in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from pipeline.errors import StageError
+from pipeline.stages import density, featurize, folds, infer, ingest, sample
+from pipeline.stages import parts as parts_module
+from pipeline.stages.project import Project
+from pipeline.stores.tables import part_rows, read_table
+
+MakeProject = Callable[[dict[str, Any]], Project]
+
+
+@pytest.fixture
+def large(parameters: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Parameters of a project whose working set is five parts of 400 rows, features read by two of them at a time."""
+    monkeypatch.setattr(parts_module, "PARTITIONS", 2)
+    for stage in (density, infer):
+        monkeypatch.setattr(stage, "PARTITIONS", 2)
+    parameters["compute"]["partition"] = 400
+    parameters["sample"] |= {"sizes": [5, 20], "sets": 2, "working_set": 1900}
+    parameters["density"]["bandwidth"] = 0.05
+    return parameters
+
+
+def table(project: Project, name: str) -> pl.DataFrame:
+    return read_table(project.table("sweep", name), name)
+
+
+def drawn(project: Project) -> Project:
+    for stage in (ingest, sample, featurize):
+        stage.run(project, "sweep")
+    return project
+
+
+def computed(project: Project) -> tuple[pl.DataFrame, pl.DataFrame]:
+    density.run(project, "sweep")
+    infer.run(project, "sweep")
+    return table(project, "densities"), table(project, "posteriors")
+
+
+def test_a_large_set_is_stored_in_parts_with_ids_in_order(make_project: MakeProject, large: dict[str, Any]) -> None:
+    project = drawn(make_project(large))
+    assert part_rows(project.table("sweep", "alternatives"), "alternatives") == (*[400] * 4, 350)
+    rows = table(project, "alternatives")
+    assert rows.filter(set_id="working")["alternative_id"].to_list() == [
+        f"task/1900/working/{place:06d}" for place in range(1900)
+    ]
+    assert rows.group_by("set_size", "set_id").len().sort("set_size", "set_id").rows() == [
+        (5, "00", 5), (5, "01", 5), (20, "00", 20), (20, "01", 20), (1900, "working", 1900),
+    ]  # fmt: skip
+    tallies = table(project, "sampling").filter(set_id="working")
+    assert tallies["kept"].sum() == 1900
+    assert tallies["sampler"].to_list() == ["deformation", "planner", "via-point"]
+    features = table(project, "features")
+    assert features.filter(kind="alternative")["id"].equals(rows["alternative_id"])
+
+
+def test_parts_of_a_set_have_streams_of_their_own_and_small_sets_the_one_they_had(
+    make_project: MakeProject, large: dict[str, Any]
+) -> None:
+    project = drawn(make_project(large))
+    working = table(project, "alternatives").filter(set_id="working")["waypoints"].to_numpy()
+    assert len(np.unique(working[:, 7], axis=0)) == 1900
+    small = table(project, "alternatives").filter(set_size=20)
+    large["compute"]["partition"] = 50_000
+    project = drawn(make_project(large))
+    whole = table(project, "alternatives")
+    assert whole.filter(set_size=20).equals(small)
+    assert not np.array_equal(whole.filter(set_id="working")["waypoints"].to_numpy(), working)
+    assert part_rows(project.table("sweep", "alternatives"), "alternatives") == (1950,)
+
+
+@pytest.mark.parametrize("bandwidth", [0.05, "leave-one-out"])
+@pytest.mark.parametrize("scale", ["range", "std"])
+def test_part_by_part_is_what_the_whole_set_in_memory_gives(
+    make_project: MakeProject, large: dict[str, Any], bandwidth: str | float, scale: str
+) -> None:
+    large["density"]["bandwidth"], large["features"]["scale"] = bandwidth, scale
+    streamed = computed(drawn(make_project(large)))
+    large["compute"]["partition"] = 50_000
+    whole = computed(make_project(large))
+    assert streamed[0].filter(set_id="working")["engine"].unique().to_list() == ["spectral"]
+    assert whole[0].filter(set_id="working")["engine"].unique().to_list() == ["exact"]
+    for name, one, other, tolerance in (
+        ("bandwidth", streamed[0], whole[0], 1e-9),
+        ("log_density", streamed[0], whole[0], 1e-6),
+        ("log_posterior", streamed[1], whole[1], 1e-4),  # 1900 log densities good to 1e-6, beta up to 30
+    ):
+        np.testing.assert_allclose(one[name], other[name], rtol=0, atol=tolerance, err_msg=name)
+    boltzmann = [posteriors.filter(model="boltzmann")["log_posterior"] for posteriors in (streamed[1], whole[1])]
+    np.testing.assert_allclose(*boltzmann, rtol=0, atol=1e-9)
+
+
+def test_from_the_same_densities_the_posteriors_agree_to_rounding(
+    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 1e5)  # no sketch: every pair is summed
+    streamed = computed(drawn(make_project(large)))
+    large["compute"]["partition"] = 50_000
+    whole = computed(make_project(large))
+    assert streamed[0]["log_density"].equals(whole[0]["log_density"])
+    np.testing.assert_allclose(streamed[1]["log_posterior"], whole[1]["log_posterior"], rtol=0, atol=1e-9)
+
+
+def test_rows_that_the_sketch_does_not_resolve_are_summed_exactly(
+    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project = drawn(make_project(large))
+    monkeypatch.setattr("pipeline.choice.partitions.RELATIVE_ERROR", 1e-9)
+    density.run(project, "sweep")
+    streamed = table(project, "densities")
+    large["compute"]["partition"] = 50_000
+    density.run(make_project(large), "sweep")
+    np.testing.assert_allclose(streamed["log_density"], table(project, "densities")["log_density"], rtol=0, atol=1e-7)
+    monkeypatch.setattr(density, "LONGEST_S", 1e-12)
+    large["compute"]["partition"] = 400
+    with pytest.raises(StageError, match="too isolated in a set of 1,900"):
+        density.run(make_project(large), "sweep")
+
+
+def test_a_bandwidth_too_narrow_for_a_sketch_takes_the_whole_set_up_to_a_limit(
+    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 1e5)
+    project = drawn(make_project(large))
+    density.run(project, "sweep")
+    streamed = table(project, "densities")
+    assert streamed["engine"].unique().to_list() == ["exact"]
+    large["compute"]["partition"] = 50_000
+    density.run(make_project(large), "sweep")
+    assert streamed["log_density"].equals(table(project, "densities")["log_density"])
+    monkeypatch.setattr(density, "IN_MEMORY", 1000)
+    large["compute"]["partition"] = 400
+    with pytest.raises(StageError, match=r"'working' has 1,900 alternatives .* up to 1,000 are possible"):
+        density.run(make_project(large), "sweep")
+
+
+def test_a_model_that_needs_the_whole_set_says_so(make_project: MakeProject, large: dict[str, Any]) -> None:
+    large["infer"]["models"] = ["boltzmann", "attribute-rule"]
+    project = drawn(make_project(large))
+    density.run(project, "sweep")
+    with pytest.raises(StageError, match=r"attribute-rule, .* 'working' of 1,900 is larger than compute.partition"):
+        infer.run(project, "sweep")
+
+
+def test_densities_of_other_alternatives_are_refused(make_project: MakeProject, large: dict[str, Any]) -> None:
+    project = drawn(make_project(large))
+    density.run(project, "sweep")
+    large["sample"]["sizes"] = [5]
+    other = drawn(make_project(large))
+    density.run(other, "sweep")
+    large["sample"]["sizes"] = [5, 20]
+    sample.run(make_project(large), "sweep")
+    featurize.run(make_project(large), "sweep")
+    with pytest.raises(StageError, match="has not the 20 alternatives of set task/20/00"):
+        infer.run(make_project(large), "sweep")
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_the_number_of_threads_changes_no_byte(
+    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    names = ("alternatives", "sampling", "features", "densities", "scales", "posteriors", "held_out")
+
+    def written() -> dict[str, bytes]:
+        project = drawn(make_project(large))
+        computed(project)
+        return {name: project.table("sweep", name).read_bytes() for name in names}
+
+    here = written()
+    monkeypatch.setattr(folds.os, "cpu_count", lambda: count)
+    assert written() == here
+
+
+def test_results_come_in_the_order_of_the_jobs_and_few_are_under_way(
+    make_project: MakeProject, large: dict[str, Any]
+) -> None:
+    begun: list[int] = []
+
+    def squared(number: int) -> int:
+        begun.append(number)
+        return number**2
+
+    with folds.workers(make_project(large)) as pool:
+        results = pool.mapped(squared, range(1000), "squares")
+        assert [next(results) for _ in range(3)] == [0, 1, 4]
+        assert len(begun) <= 3 + pool.count + 1
+        results.close()
+        with pytest.raises(StageError, match="number 5"):
+            list(pool.mapped(_failing, range(1000), "failures"))
+    assert len(begun) < 20
+
+
+def _failing(number: int) -> int:
+    if number == 5:
+        raise StageError("number 5")
+    return number
