@@ -100,9 +100,7 @@ def workers(project: Project) -> Iterator[Workers]:
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[Workers]:
     try:
-        from distributed import Client, KilledWorker
-        from distributed.client import FutureCancelledError
-        from distributed.comm import CommClosedError
+        from distributed import Client
     except ImportError:
         raise StageError(
             f"the scheduler {scheduler} is named and the package `distributed` is not installed; install lessbench with "
@@ -119,8 +117,8 @@ def _cluster(scheduler: str) -> Iterator[Workers]:
 
     def submit(function: Callable[[Any], Any], job: Any) -> Future:
         # a key of its own for each call: the files that a job names may be others than in an earlier run
-        future: Future = client.submit(partial(_checked, program, function), job, pure=False, retries=RETRIES)
-        return future
+        call = client.submit(partial(_checked, program, function), job, pure=False, retries=RETRIES)
+        return Remote(call, scheduler)
 
     with client:
         try:
@@ -130,13 +128,42 @@ def _cluster(scheduler: str) -> Iterator[Workers]:
                 f"the scheduler {scheduler} has had no worker for {_STARTING_S} s; start workers, or set compute.scheduler "
                 "to null"
             ) from None
+        yield Workers(2 * sum(client.nthreads().values()), submit)
+
+
+@dataclass(frozen=True)
+class Remote:
+    """A call on a cluster. A worker that is lost is no error: another one begins its calls again.
+
+    Attributes:
+        call: future of `distributed`.
+        scheduler: of the cluster.
+    """
+
+    call: Any
+    scheduler: str
+
+    def result(self) -> Any:
+        """Wait for the result.
+
+        Raises:
+            StageError: the cluster has given up.
+        """
+        from distributed import KilledWorker
+        from distributed.client import FutureCancelledError
+        from distributed.comm import CommClosedError
+
         try:
-            yield Workers(2 * sum(client.nthreads().values()), submit)
+            return self.call.result()
         except (KilledWorker, FutureCancelledError, CommClosedError) as error:
             raise StageError(
-                f"the cluster of {scheduler} gave up ({type(error).__name__}: {' '.join(str(error).split())}); its logs say "
-                "why, most often a worker had too little memory for compute.partition; then run this again"
+                f"the cluster of {self.scheduler} gave up ({type(error).__name__}: {' '.join(str(error).split())}); its logs "
+                "say why, most often a worker had too little memory for compute.partition; then run this again"
             ) from None
+
+    def cancel(self) -> Any:
+        """Do not begin."""
+        self.call.cancel()
 
 
 def _checked(program: str, function: Callable[[Job], Result], job: Job) -> Result:
