@@ -12,7 +12,8 @@ from pipeline.choice import engines
 from pipeline.choice.checks import FloatArray, matrix, positive
 from pipeline.choice.engines import ENGINES, EngineChoice
 from pipeline.choice.pairs import Neighbours, log_sums_at, log_sums_within
-from pipeline.choice.sketch import DIMENSIONS, Grid, Sketch
+from pipeline.choice.sketch import DIMENSIONS
+from pipeline.choice.slabs import sums_in_slabs
 from pipeline.choice.ties import DistinctRows, distinct_rows
 from pipeline.errors import ArgumentError, one_of
 
@@ -105,19 +106,17 @@ def _spectral(groups: DistinctRows, sigma: float, points: FloatArray | None) -> 
         raise ArgumentError(
             f"engine 'spectral' takes up to {DIMENSIONS} features where there are {dimensions}; use 'neighbours' or 'auto'."
         )
-    grid = Grid.covering(groups.rows.min(axis=0), groups.rows.max(axis=0), sigma, sigma, total)
-    memory = engines.spectral(groups.rows, total, None if points is None else len(points), sigma).memory_bytes
-    if memory > engines.MEMORY_BYTES:
+    slabs, cost = engines.slabs_within(groups.rows, total, None if points is None else len(points), sigma)
+    if cost.memory_bytes > engines.MEMORY_BYTES:
         raise ArgumentError(
-            f"engine 'spectral' needs {memory / 1e9:.1f} GB for {' x '.join(map(str, grid.shape))} frequencies where "
+            f"engine 'spectral' needs {cost.memory_bytes / 1e9:.1f} GB for the {len(slabs)} parts of its grid where "
             f"{engines.MEMORY_BYTES / 1e9:g} GB are allowed; use a wider bandwidth, 'neighbours' or 'auto'."
         )
-    sketch = Sketch.of(groups.rows, grid, groups.counts)
     wanted = groups.rows if points is None else points
     least = groups.counts if points is None else 0.0  # a row's own kernel mass
-    inside = grid.inside(wanted)
+    inside = np.all((wanted >= groups.rows.min(axis=0)) & (wanted <= groups.rows.max(axis=0)), axis=1)
     sums = np.zeros(len(wanted))
-    sums[inside], error = sketch.sums(wanted[inside], sigma)
+    sums[inside], error = sums_in_slabs(slabs, groups.rows, groups.counts, wanted[inside], sigma)
     sums = np.maximum(sums, least)
     wrong = sums * RELATIVE_ERROR < error
     log_sums = np.log(np.where(wrong, 1.0, sums))

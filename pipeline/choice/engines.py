@@ -18,6 +18,7 @@ from scipy.spatial.distance import pdist
 from pipeline.choice.checks import FloatArray
 from pipeline.choice.pairs import LEAF, NEGLIGIBLE, POINTS, cut_off
 from pipeline.choice.sketch import DIMENSIONS, Grid
+from pipeline.choice.slabs import MOST, Slab, cut
 from pipeline.errors import ArgumentError
 
 ENGINES = ("exact", "neighbours", "spectral")
@@ -25,6 +26,7 @@ ENGINES = ("exact", "neighbours", "spectral")
 MEMORY_BYTES = 2e9  # what an engine may use beside the features
 LONGEST_S = 4 * 3600.0  # `auto` refuses what would take longer
 
+_COUNTED = 10_000  # rows that say how many lie where
 _FEW_PAIRS = 4_000_000  # below, all pairs take hundredths of a second
 
 # Seconds per operation, one thread.
@@ -75,19 +77,42 @@ def cheapest(rows: FloatArray, total: float, points: int | None, sigma: float) -
 
 
 def spectral(rows: FloatArray, total: float, points: int | None, sigma: float) -> EngineChoice:
-    """Cost of the spectral engine: infinite where its grid cannot be counted."""
+    """Cost of the spectral engine: infinite where its grids cannot be counted."""
     try:
-        grid = Grid.covering(rows.min(axis=0), rows.max(axis=0), sigma, sigma, total)
+        return slabs_within(rows, total, points, sigma)[1]
     except ArgumentError:
         return EngineChoice("spectral", math.inf, math.inf)
+
+
+def slabs_within(
+    rows: FloatArray, total: float, points: int | None, sigma: float
+) -> tuple[tuple[Slab, ...], EngineChoice]:
+    """The fewest slabs that take up to 2 GB, or the most there may be, and their cost.
+
+    Raises:
+        ArgumentError: the kernel is too narrow for any grid.
+    """
+    some = rows[:: max(len(rows) // _COUNTED, 1)]
     at = len(rows) if points is None else points
-    seconds = transform_seconds(grid, len(rows)) + transform_seconds(grid, at)
-    return EngineChoice("spectral", seconds, transform_bytes(grid, max(len(rows), at)))
+    count = 1
+    while True:
+        slabs = cut(rows, total, sigma, count)
+        seconds, memory = 0.0, 0.0
+        for slab in slabs:  # points are taken to lie as the rows do
+            around, own = (
+                math.ceil(np.mean(which) * of) for which, of in ((slab.around(some), len(rows)), (slab.own(some), at))
+            )
+            seconds += transform_seconds(slab.grid, around) + transform_seconds(slab.grid, own)
+            memory = max(memory, transform_bytes(slab.grid, max(around, own)))
+        if memory <= MEMORY_BYTES or count == MOST:
+            return slabs, EngineChoice("spectral", seconds, memory)
+        count *= 2
 
 
 def transform_bytes(grid: Grid, points: int) -> float:
     """Working memory of a transform: the oversampled grid, coefficients before and after, phases and strengths."""
-    return 16.0 * (grid.oversampled(points) + 2 * math.prod(grid.shape)) + 104.0 * points
+    parts = len(grid.parts(points))
+    return 16.0 * (parts * grid.oversampled(points) + (1 + parts) * math.prod(grid.shape)) + 104.0 * points
 
 
 def transform_seconds(grid: Grid, points: int) -> float:
