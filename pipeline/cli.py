@@ -30,6 +30,13 @@ importer = typer.Typer(no_args_is_help=True, help="Turn published demonstrations
 app.add_typer(importer, name="import", rich_help_panel=SETUP)
 TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.")]
 TaskOrStudies = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml, or `studies`.")]
+IsLive = Annotated[bool, typer.Option("--live", help="Also serve the recording to Rerun viewers on this machine.")]
+Port = Annotated[int, typer.Option(help="Of --live; 0 for any that is free.")]
+Bind = Annotated[str, typer.Option(metavar="ADDRESS", help="Of --live: another address lets other machines see it.")]
+Stay = Annotated[
+    bool | None,
+    typer.Option("--stay/--no-stay", help="Serve until Ctrl-C, as on a terminal, or end when done, as in a pipe."),
+]
 
 
 _overlay: ContextVar[Path | None] = ContextVar("overlay", default=None)
@@ -97,11 +104,19 @@ def density(task: TaskName) -> None:
 
 
 @app.command(rich_help_panel=STAGES)
-def infer(task: TaskName) -> None:
-    """Compute the posterior over theta and beta under every model into posteriors.parquet."""
+def infer(task: TaskName, live: IsLive = False, port: Port = 9876, bind: Bind = "127.0.0.1", stay: Stay = None) -> None:
+    """Compute the posterior over theta and beta under every model into posteriors.parquet.
+
+    `lessbench infer table --live` then writes inspect.rrd as well and serves it to Rerun viewers.
+    """
     from pipeline.stages.infer import run
 
-    run(_project(), task)
+    if not live:
+        return run(_project(), task)
+    from pipeline.stages import inspect
+    from pipeline.stages.live import Live, run_and_serve
+
+    return run_and_serve(_project(), task, Live(bind, port, stay), run, inspect.run)
 
 
 @app.command(rich_help_panel=STAGES)
@@ -124,10 +139,19 @@ def study(
 
 
 @app.command(rich_help_panel=STAGES)
-def inspect(task: TaskOrStudies) -> None:
-    """Write inspect.rrd, the recording that `lessbench view` opens."""
+def inspect(
+    task: TaskOrStudies, live: IsLive = False, port: Port = 9876, bind: Bind = "127.0.0.1", stay: Stay = None
+) -> None:
+    """Write inspect.rrd, the recording that `lessbench view` opens.
+
+    `lessbench inspect table --live` also serves it: connect with `rerun rerun+http://127.0.0.1:9876/proxy`.
+    """
     from pipeline.stages import inspect, studies_inspect
 
+    if live:
+        from pipeline.stages.live import Live, run_and_serve
+
+        return run_and_serve(_project(), task, Live(bind, port, stay), inspect.run)
     return studies_inspect.run(_project()) if task == "studies" else inspect.run(_project(), task)
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,52 +39,67 @@ def write_inspection(path: Path, inspection: Inspection) -> None:
         path: `datasets/<task>/inspect.rrd`.
         inspection: what to show.
     """
+    from pipeline.stores.blueprint import layout
+
+    with written_recording(path, inspection.task, layout(inspection)) as recording:
+        log_inspection(recording, inspection)
+
+
+def log_inspection(recording: RecordingStream, inspection: Inspection) -> None:
+    """Log all of an inspection but its layout."""
     import rerun as rr
 
-    from pipeline.stores.blueprint import layout
     from pipeline.stores.viewer_charts import log_densities, log_summary
     from pipeline.stores.viewer_posteriors import log_posteriors
     from pipeline.stores.viewer_scene import log_scene
     from pipeline.stores.viewer_space import log_space
     from pipeline.stores.viewer_spread import log_spread
 
-    with written_recording(path, inspection.task, layout(inspection)) as recording:
-        recording.send_property("task", rr.AnyValues(name=inspection.task))
-        log_scene(recording, inspection)
-        log_densities(recording, inspection)
-        log_posteriors(recording, inspection)
-        if inspection.space is not None:
-            log_space(recording, inspection.space)
-        if inspection.robustness is not None:
-            log_spread(recording, inspection.robustness)
-        log_summary(recording, inspection)
+    recording.send_property("task", rr.AnyValues(name=inspection.task))
+    log_scene(recording, inspection)
+    log_densities(recording, inspection)
+    log_posteriors(recording, inspection)
+    if inspection.space is not None:
+        log_space(recording, inspection.space)
+    if inspection.robustness is not None:
+        log_spread(recording, inspection.robustness)
+    log_summary(recording, inspection)
 
 
 @contextmanager
-def written_recording(path: Path, name: str, layout: Blueprint) -> Iterator[RecordingStream]:
+def written_recording(path: Path, name: str, layout: Blueprint, *others: Any) -> Iterator[RecordingStream]:
     """A recording that takes the place of `path` only once it is complete; what cannot be shown is an error.
 
     Args:
         path: the `.rrd` file.
         name: of the recording, always the same for the same thing.
         layout: what opens with it.
+        others: Rerun sinks that get the same.
     """
+    import rerun as rr
+
+    with path_written_whole(path) as partial, recorded_to(name, layout, rr.FileSink(partial), *others) as recording:
+        yield recording
+
+
+@contextmanager
+def recorded_to(name: str, layout: Blueprint, *sinks: Any) -> Iterator[RecordingStream]:
+    """A recording that goes to Rerun sinks; arguments as in `written_recording`."""
     import rerun as rr
 
     # one chunk per call, cut by nothing that depends on time or speed: equal inspections give equal contents
     whole = rr.ChunkBatcherConfig(flush_tick=1e6, flush_num_bytes=1 << 40, flush_num_rows=1 << 40)
     recording = rr.RecordingStream(f"lessbench {name}", recording_id=name, send_properties=False, batcher_config=whole)
     strict = rr.strict_mode()
-    with path_written_whole(path) as partial:
-        try:
-            rr.set_strict_mode(True)  # otherwise data that cannot be shown is left out with a warning
-            recording.set_log_time_enabled(False)
-            recording.save(partial, default_blueprint=layout)
-            yield recording
-            recording.flush(timeout_sec=30)
-        finally:
-            rr.set_strict_mode(strict)
-            recording.disconnect()
+    try:
+        rr.set_strict_mode(True)  # otherwise data that cannot be shown is left out with a warning
+        recording.set_log_time_enabled(False)
+        recording.set_sinks(*sinks, default_blueprint=layout)
+        yield recording
+        recording.flush(timeout_sec=30)
+    finally:
+        rr.set_strict_mode(strict)
+        recording.disconnect()
 
 
 def open_viewer(path: Path) -> None:
@@ -97,7 +112,7 @@ def open_viewer(path: Path) -> None:
     """
     if not path.is_file():
         raise StageError(f"{path} does not exist; `dvc repro` or `lessbench inspect TASK` writes it.")
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if not has_display():
         raise StageError(
             f"there is no display here (DISPLAY and WAYLAND_DISPLAY are not set); copy {path} to a machine that has one "
             f"and run `rerun {path.name}` there (pip install rerun-sdk)."
@@ -110,6 +125,12 @@ def open_viewer(path: Path) -> None:
             raise
     if status != 0:
         raise StageError(f"the Rerun viewer ended with status {status}; its own message is above.")
+
+
+def has_display() -> bool:
+    """Whether a window could be opened here."""
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(display) or not sys.platform.startswith("linux")
 
 
 def viewer_command() -> list[str]:
