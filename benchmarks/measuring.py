@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import datetime
+import json
 import math
 import multiprocessing
 import os
+import platform
 import resource
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -76,6 +80,25 @@ def show(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> N
         table.add_row(*row)
     Console(width=150).print(table)
     Console().print(f"{os.cpu_count()} cores, one used; load average {os.getloadavg()[0]:.1f}\n")
+
+
+def record(file: str, costs: dict[str, float]) -> None:
+    """Keep unit costs in benchmarks/results/`file`.json, beside those of other commands, with machine and date."""
+    path = Path(__file__).parent / "results" / f"{file}.json"
+    path.parent.mkdir(exist_ok=True)
+    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    known.update({name: float(f"{value:.3g}") for name, value in costs.items()})
+    known["date"] = datetime.date.today().isoformat()
+    known["machine"] = f"{_processor()}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}"
+    path.write_text(json.dumps(known, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.machine()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
 
 
 def seconds(value: float) -> str:
