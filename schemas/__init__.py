@@ -9,23 +9,34 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
+FURTHER = "*"  # in a reference: the names of the further columns
 SCALARS = ("string", "bool", "int64", "float", "double")
 _TYPE = re.compile(r"(?P<scalar>[a-z0-9]+)(?P<lengths>(\[[A-Z]\])*)")
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column: `type` as above, `unit` ("" when it has none), what it means, and whether it may be missing."""
+    """One column: `type` as above, `unit` ("" when it has none), what it means, and what its values may be.
+
+    Attributes:
+        nullable: whether a value may be missing.
+        finite: whether infinities are refused, as NaN always is.
+        positive: whether values must be above 0, and finite.
+    """
 
     name: str
     type: str
     description: str
     unit: str = ""
     nullable: bool = False
+    finite: bool = False
+    positive: bool = False
 
     @property
     def scalar(self) -> str:
@@ -39,8 +50,31 @@ class Column:
 
 
 @dataclass(frozen=True)
+class Reference:
+    """Rows that must have a counterpart in another table of the task.
+
+    Attributes:
+        columns: the columns that refer; `*` alone stands for the names of the further columns.
+        table: the table referred to.
+        to: its columns, one for each of `columns`; here too `*` stands for column names.
+        where: which rows refer, column to value; all if empty.
+        of: which rows are referred to, likewise.
+        other_than: values of the first column that refer to nothing.
+        complete: whether each row referred to must also have a row that refers to it.
+    """
+
+    columns: tuple[str, ...]
+    table: str
+    to: tuple[str, ...]
+    where: Mapping[str, str]
+    of: Mapping[str, str]
+    other_than: tuple[str, ...]
+    complete: bool
+
+
+@dataclass(frozen=True)
 class TableSchema:
-    """A table: what one row is, its key columns, its columns in order, and the pattern of further columns, if any."""
+    """A table: one row, key columns, columns in order, the pattern of further columns, if any, and what rows refer to."""
 
     name: str
     version: int
@@ -48,6 +82,7 @@ class TableSchema:
     key: tuple[str, ...]
     columns: tuple[Column, ...]
     further: Column | None = None
+    references: tuple[Reference, ...] = ()
 
 
 @cache
@@ -73,6 +108,19 @@ def schema(name: str) -> TableSchema:
         key=tuple(document["key"]),
         columns=tuple(Column(**column) for column in document["columns"]),
         further=Column(**document["further"]) if "further" in document else None,
+        references=tuple(_reference(reference) for reference in document.get("references", ())),
+    )
+
+
+def _reference(document: Mapping[str, Any]) -> Reference:
+    return Reference(
+        columns=tuple(document["columns"]),
+        table=document["table"],
+        to=tuple(document["to"]),
+        where=document.get("where", {}),
+        of=document.get("of", {}),
+        other_than=tuple(document.get("other_than", ())),
+        complete=document.get("complete", False),
     )
 
 

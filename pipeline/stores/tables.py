@@ -175,6 +175,35 @@ def part_rows(path: Path, name: str) -> tuple[int, ...]:
         return tuple(metadata.row_group(number).num_rows for number in range(metadata.num_row_groups))
 
 
+def column_names(path: Path, name: str) -> tuple[str, ...]:
+    """The names of all columns of a table.
+
+    Raises:
+        TableError: the file is missing or is not such a table.
+    """
+    with _opened(path, schema(name)) as file:
+        return tuple(file.schema_arrow.names)
+
+
+def array_lengths(path: Path, name: str) -> dict[str, int]:
+    """The lengths of a table's arrays by the letters that its schema gives them.
+
+    Raises:
+        TableError: the file is missing or is not such a table.
+    """
+    import pyarrow as pa
+
+    found: dict[str, int] = {}
+    with _opened(path, schema(name)) as file:
+        types = {field.name: field.type for field in file.schema_arrow}
+        for column in schema(name).columns:
+            type_ = types.get(column.name, pa.null())
+            for letter in reversed(column.lengths):
+                if pa.types.is_fixed_size_list(type_):
+                    found[letter], type_ = type_.list_size, type_.value_type
+    return found
+
+
 def read_part(path: Path, name: str, number: int, columns: Sequence[str] | None = None) -> pl.DataFrame:
     """Read one part of a table, checked as far as the columns asked for go; all of them by default.
 
@@ -192,10 +221,11 @@ def read_part(path: Path, name: str, number: int, columns: Sequence[str] | None 
                 f"{path}: table {name!r} lacks the column {absent[0]!r}; it has {', '.join(present)}; make it again "
                 "with `dvc repro`"
             )
+        first = sum(file.metadata.row_group(before).num_rows for before in range(number))
         part = pl.DataFrame(
             _sound(file.read_row_group(number, columns=None if columns is None else list(columns)), contract, path)
         )
-    _conform(part, contract if columns is None else _narrowed(contract, columns), path)
+    _conform(part, contract if columns is None else _narrowed(contract, columns), path, first)
     return part if columns is None else part.select(columns)
 
 
@@ -271,7 +301,8 @@ def _stated(metadata: Mapping[bytes, bytes], path: Path) -> tuple[str, int]:
         raise TableError(f"{path}: does not say which table it holds; make it again with `dvc repro`") from None
 
 
-def _conform(table: pl.DataFrame, contract: TableSchema, path: Path) -> pa.Table:
+def _conform(table: pl.DataFrame, contract: TableSchema, path: Path, first: int = 0) -> pa.Table:
+    """The table as the schema has it; `first` rows of the file are before it."""
     import polars as pl
     import pyarrow as pa
 
@@ -290,30 +321,55 @@ def _conform(table: pl.DataFrame, contract: TableSchema, path: Path) -> pa.Table
     arrays, fields = [], []
     for name in [*known, *further]:
         column = known[name] if name in known else cast("Column", contract.further)
-        _check_values(table, name, column, path)
+        _check_values(table, name, column, path, first)
         type_ = _arrow_type(table, name, column, lengths, path)
         arrays.append(table[name].to_arrow().cast(type_))
         fields.append(pa.field(name, type_, nullable=column.nullable))
     repeated = table.select(contract.key).is_duplicated() if contract.key else pl.Series([], dtype=pl.Boolean)
     if repeated.any():
-        row = table.select(contract.key).row(int(repeated.arg_max() or 0), named=True)
-        raise TableError(f"{path}: table {contract.name!r} has more than one row for {row}; each row is {contract.row}")
+        place = int(repeated.arg_max() or 0)
+        row = table.select(contract.key).row(place, named=True)
+        raise TableError(
+            f"{path}: table {contract.name!r} has more than one row for {row}, the first is row {first + place + 1}; each row is "
+            f"{contract.row}"
+        )
     return pa.table(arrays, schema=pa.schema(fields))
 
 
-def _check_values(table: pl.DataFrame, name: str, column: Column, path: Path) -> None:
+def _check_values(table: pl.DataFrame, name: str, column: Column, path: Path, first: int) -> None:
     values = table[name]
     if not column.nullable and values.null_count():
-        raise TableError(f"{path}: column {name!r} has {values.null_count()} missing values, which it may not have")
+        raise TableError(
+            f"{path}: column {name!r} has {values.null_count()} missing values, which it may not have; the first is in "
+            f"row {_row(values.is_null(), table, first)}"
+        )
     for _ in column.lengths:
         if not hasattr(values.dtype, "inner"):
             raise TableError(f"{path}: column {name!r} is {table[name].dtype}, needed is {column.type}")
         values = values.explode()
+        if not column.nullable and values.null_count():
+            raise TableError(
+                f"{path}: column {name!r} has a gap within row {_row(values.is_null(), table, first)}, which it may not have"
+            )
     if column.scalar in ("float", "double"):
         if not values.dtype.is_numeric():
             raise TableError(f"{path}: column {name!r} is {values.dtype}, needed is {column.type}")
-        if values.is_nan().any() if values.dtype.is_float() else False:
-            raise TableError(f"{path}: column {name!r} holds NaN, which is never allowed")
+        if not values.dtype.is_float():
+            return
+        for what, found in (
+            ("NaN", values.is_nan()),
+            *([("an infinite value", values.is_infinite())] if column.finite or column.positive else []),
+            *([("a value that is not above 0", values <= 0)] if column.positive else []),
+        ):
+            if found.any():
+                raise TableError(
+                    f"{path}: column {name!r} holds {what} in row {_row(found, table, first)}, which is never allowed"
+                )
+
+
+def _row(found: pl.Series, table: pl.DataFrame, first: int) -> int:
+    """The row of the table, from 1, that holds the first of the values found; arrays lie one behind the other."""
+    return first + int(found.fill_null(False).arg_max() or 0) // (len(found) // table.height) + 1
 
 
 def _arrow_type(table: pl.DataFrame, name: str, column: Column, lengths: dict[str, int], path: Path) -> pa.DataType:

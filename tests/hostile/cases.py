@@ -36,8 +36,8 @@ START_NS = 1_700_000_000_000_000_000
 HEAVY_EVERY = 100  # every hundredth case asks for gigabytes or hours
 HEADER, FOOTER, MESSAGE, CHUNK, STATISTICS, METADATA, DATA_END = 1, 2, 5, 6, 11, 12, 15
 
-# how a recording that is cut off may end; all but the first with salvage, the last three where too little is left
-CUT = {"truncated", "salvaged", "no-joint-states", "too-few-messages", "does-not-move"}
+# how a recording that is cut off may end; all but the first with salvage, the last four where too little is left
+CUT = {"truncated", "salvaged", "no-joint-states", "joints-missing", "too-few-messages", "does-not-move"}
 Rng = np.random.Generator
 
 
