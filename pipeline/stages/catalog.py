@@ -7,6 +7,7 @@ from pathlib import Path
 from pipeline.stages.project import STUDIES, Project, recorded_run
 from pipeline.stages.provenance import content_hash
 from pipeline.stores.catalog import SourceFile, build_catalog
+from pipeline.stores.references import check_references, check_table
 from pipeline.stores.tables import read_provenance
 from schemas import names
 
@@ -20,6 +21,13 @@ def run(project: Project) -> None:
             present = [(task if task != STUDIES else None, file) for task, file in files if file.is_file()]
             if present:
                 tables[name] = present
+        for name, present in tables.items():
+            for _, file in present:
+                check_table(file, name)
+        for task in project.params.tasks:
+            check_references(
+                {name: project.table(task, name) for name in tables if project.table(task, name).is_file()}
+            )
         sources = [
             SourceFile(project.shown(file), name, task, content_hash(file), read_provenance(file))
             for name, files in tables.items()

@@ -28,6 +28,7 @@ from pipeline.stages.folds import Workers, workers
 from pipeline.stages.parts import PARTITIONS, Piece, Scaled, SetRows, batches, contents, cut, gathered, read_pieces
 from pipeline.stages.project import SCRATCH, Project, recorded_run
 from pipeline.stages.provenance import provenance
+from pipeline.stores.references import check_references
 from pipeline.stores.tables import GROUPS, read_table, table_writer, write_table
 
 Floats = NDArray[np.float64]
@@ -60,6 +61,7 @@ def run(project: Project, name: str) -> None:
     partition = project.params.compute.partition
     with recorded_run(project, "density", name) as record, workers(project) as pool:
         sources = [project.table(name, "features"), project.table(name, "feature_units")]
+        check_references({"features": sources[0], "feature_units": sources[1]})
         sets = contents(sources[0], "features").sets
         units = read_table(sources[1], "feature_units")
         names, method = tuple(units["feature"]), project.params.features.scale

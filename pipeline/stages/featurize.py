@@ -18,6 +18,7 @@ from pipeline.stages.parts import Piece, cut, read_pieces
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import SceneFile, load_task_scene, loaded, scene_file
+from pipeline.stores.references import check_references
 from pipeline.stores.tables import part_rows, read_table, table_writer, write_table
 
 ALTERNATIVE_COLUMNS = ("anchor", "set_size", "set_id")
@@ -48,6 +49,7 @@ def run(project: Project, name: str) -> None:
         scene = load_task_scene(project, task)
         features = bind_features(scene, task.features)
         sources = [project.table(name, "demonstrations"), project.table(name, "alternatives")]
+        check_references({"demonstrations": sources[0], "alternatives": sources[1]})
         demonstrations = read_table(sources[0], "demonstrations")
         stated = provenance(
             project, depends_on(project, name), [*sources, *scene_files(scene.path)], model=model_hash(scene)

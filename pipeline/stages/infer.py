@@ -25,9 +25,11 @@ from pipeline.stages.folds import Workers, workers
 from pipeline.stages.parts import PARTITIONS, Contents, Piece, Scaled, SetRows, contents, cut, read_pieces
 from pipeline.stages.project import Project, recorded_run
 from pipeline.stages.provenance import provenance
+from pipeline.stores.references import check_references, check_table
 from pipeline.stores.tables import GROUPS, part_rows, read_part, read_table, write_table
 
 Floats = NDArray[np.float64]
+INPUTS = ("demonstrations", "features", "scales", "densities")
 Group = tuple[str, str, list[int]]  # demonstration_id, participant, rows of the demonstrations
 
 
@@ -84,7 +86,9 @@ def run(project: Project, name: str) -> None:
     """Write posteriors.parquet and held_out.parquet of the task `name`."""
     task, settings, partition = project.params.task(name), project.params.infer, project.params.compute.partition
     with recorded_run(project, "infer", name) as record, workers(project) as pool:
-        sources = [project.table(name, table) for table in ("demonstrations", "features", "scales", "densities")]
+        sources = [project.table(name, table) for table in INPUTS]
+        check_table(sources[3], "densities")  # of which only some columns are used
+        check_references(dict(zip(INPUTS, sources, strict=True)))
         people = read_table(sources[0], "demonstrations", ["demonstration_id", "participant"])
         there = contents(sources[1], "features")
         question = _question(task, settings, people, there, sources[1], read_table(sources[2], "scales"))

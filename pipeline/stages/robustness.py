@@ -18,6 +18,7 @@ from pipeline.stages.infer import hypotheses
 from pipeline.stages.project import WORKING, Project, Run, recorded_run
 from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import load_task_scene
+from pipeline.stores.references import check_references
 from pipeline.stores.tables import read_table, write_table
 from pipeline.studies.choice_sets import ChoiceSets, Demonstrations, Problem
 from pipeline.studies.duplicates import Duplication, inject_duplicates
@@ -37,6 +38,7 @@ def run(project: Project, name: str) -> None:
     task = project.params.task(name)
     with recorded_run(project, "robustness", name) as record:
         sources = {table: project.table(name, table) for table in INPUTS}
+        check_references(sources)
         scene = load_task_scene(project, task)
         features = bind_features(scene, task.features)
         tables = _tables(project, name, task, features, sources, record)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.choice import Posterior, posterior_from
 from pipeline.stages.project import WORKING, Project
+from pipeline.stores.references import check_references
 from pipeline.stores.tables import read_table
 from pipeline.studies.inspection import (
     DensityCurve,
@@ -62,12 +63,16 @@ class TaskView:
     beliefs: dict[str, list[Posterior]]
 
 
+INPUTS = ("demonstrations", "alternatives", "features", "densities", "scales", "posteriors")
+
+
 def task_view(project: Project, name: str) -> TaskView:
     """Read the tables of the task `name`.
 
     Raises:
         TableError: a table is missing or not what it should be.
     """
+    check_references({table: project.table(name, table) for table in INPUTS})
     demonstrations = read_table(project.table(name, "demonstrations"), "demonstrations")
     alternatives, independent = _anchored_alike(read_table(project.table(name, "alternatives"), "alternatives"))
     features = read_table(project.table(name, "features"), "features")
