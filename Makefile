@@ -14,6 +14,7 @@ install: .venv/installed
 	touch .venv/installed
 
 repro: install
+	lessbench recover
 	dvc repro
 	lessbench summary
 

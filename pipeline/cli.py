@@ -61,6 +61,11 @@ def main() -> None:
         sys.exit(1)
     except BrokenPipeError:
         sys.exit(1)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        print(f"lessbench: {error.filename}: {(error.strerror or str(error)).lower()}", file=sys.stderr)  # noqa: T201
+        sys.exit(1)
 
 
 @app.command(rich_help_panel=STAGES)
@@ -228,6 +233,29 @@ def view(task: TaskOrStudies) -> None:
 
 
 @app.command(rich_help_panel=LOOK)
+def verify(
+    task: Annotated[
+        str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml, or `studies`; without it: all.")
+    ] = None,
+    sample: Annotated[int, typer.Option(min=0, help="How many trajectories and posteriors to compute again.")] = 20,
+) -> None:
+    """Ask whether the tables are what they say: recompute hashes, replay a sample. Exit status 1 if any is not.
+
+    Example: `lessbench verify table --sample 100`
+    """
+    from pipeline.stages.verify import verify
+
+    project = _project()
+    sound = True
+    for name in [task] if task else [*project.params.tasks, "studies"]:
+        found = verify(project, name, sample)
+        print("\n".join(found.lines(name)))  # noqa: T201
+        sound &= not found.drift
+    if not sound:
+        raise typer.Exit(1)
+
+
+@app.command(rich_help_panel=LOOK)
 def summary() -> None:
     """Say what each stage took and produced when it last ran."""
     from rich.console import Console
@@ -284,6 +312,14 @@ def run(task: TaskName) -> None:
     from pipeline.stages.run import run_task
 
     run_task(_project(), task)
+
+
+@app.command(rich_help_panel=SETUP)
+def recover() -> None:
+    """After DVC itself was killed: mend its own files, which it writes in place. `make repro` does this first."""
+    from pipeline.stages.recover import recover
+
+    print("\n".join(recover(_project()) or ["nothing to mend"]))  # noqa: T201
 
 
 @importer.command("ferl")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -20,6 +21,7 @@ from pipeline.stores.whole import held, written_whole
 RUNS = ".lessbench/runs"
 LOCKS = ".lessbench/locks"
 SCRATCH = ".lessbench/scratch"  # what the parts of one stage share; nothing outlives the stage
+KEPT_LOCK = ".lessbench/dvc.lock"  # as it was when the last stage began
 WORKING = "working"  # the set_id of the set that is shown
 STUDIES = "studies"  # stands where a task's name would, for tables of no task
 
@@ -118,6 +120,7 @@ def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
     run = Run(stage, task)
     end_with_parent()
     with held(project.root / LOCKS / f"{stage}@{task}", f"{stage} {task}"):
+        _keep_dvc_lock(project)
         begin = time.perf_counter()
         yield run
         run.seconds = time.perf_counter() - begin
@@ -125,6 +128,14 @@ def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
             stream.write(json.dumps({**run.__dict__, "finished": time.time()}).encode())
     for note in run.notes:
         print(f"{stage} {task}: {note}", file=sys.stderr)  # noqa: T201
+
+
+def _keep_dvc_lock(project: Project) -> None:
+    """DVC rewrites dvc.lock in place after every stage; while a stage runs it is whole (see `lessbench recover`)."""
+    lock = project.root / "dvc.lock"
+    if os.environ.get("DVC_ROOT") == str(project.root) and lock.is_file():
+        with written_whole(project.root / KEPT_LOCK) as stream:
+            stream.write(lock.read_bytes())
 
 
 def recorded_runs(project: Project) -> list[Mapping[str, object]]:

@@ -285,10 +285,20 @@ def _scalars() -> dict[str, pa.DataType]:
 
 
 def read_provenance(path: Path) -> dict[str, object]:
-    """What `write_table` stored about where the rows of `path` came from."""
+    """What `write_table` stored about where the rows of `path` came from.
+
+    Raises:
+        TableError: the file is missing or is no Parquet.
+    """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-    metadata = pq.read_schema(path).metadata or {}
+    try:
+        metadata = pq.read_schema(path).metadata or {}
+    except (pa.ArrowInvalid, OSError) as error:
+        raise TableError(
+            f"{path}: cannot be read as Parquet ({_one_line(error)}); make it again with `dvc repro`"
+        ) from None
     provenance: dict[str, object] = json.loads(metadata.get(PROVENANCE_KEY, b"{}"))
     return provenance
 

@@ -12,7 +12,7 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -104,33 +104,30 @@ def held(path: Path, what: str) -> Iterator[None]:
     Raises:
         StageError: another process has held it for longer than a stage takes to notice that its run has ended.
     """
-    with _one_sentence(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        lock = path.open("a+", encoding="ascii")
-    with lock:
-        for _ in range(int(_PATIENCE_S / _LOOK_S)):
-            if _locked(lock):
-                break
-            time.sleep(_LOOK_S)
-        else:
-            lock.seek(0)
-            holder = lock.read() or "unknown"
-            raise StageError(
-                f"{what}: is being run by the process {holder} already; wait until that has ended, or end it with "
-                f"`kill {holder}`, and run it again"
-            )
-        lock.truncate(0)
-        lock.write(str(os.getpid()))
-        lock.flush()
+    with ExitStack() as stack:
+        with _one_sentence(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            lock = stack.enter_context(path.open("a+b", buffering=0))
+            _lock(lock, what)
         yield
 
 
-def _locked(lock: IO[str]) -> bool:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+def _lock(lock: IO[bytes], what: str) -> None:
+    for _ in range(int(_PATIENCE_S / _LOOK_S)):
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(_LOOK_S)
+        else:
+            lock.truncate(0)
+            lock.write(str(os.getpid()).encode())
+            return
+    lock.seek(0)
+    holder = lock.read().decode() or "unknown"
+    raise StageError(
+        f"{what}: is being run by the process {holder} already; wait until that has ended, or end it with "
+        f"`kill {holder}`, and run it again"
+    )
 
 
 def cannot_write(path: Path, error: OSError) -> StageError:
