@@ -1,0 +1,157 @@
+"""The folds of the stages on a real cluster of processes, one of which is killed half way: the same bytes as without it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from pipeline.errors import ParameterError, StageError, TableError
+from pipeline.stages import density, featurize, folds, infer, ingest, sample
+from pipeline.stages.parts import Gathered, Piece, Scaled
+from pipeline.stages.project import Project
+
+MakeProject = Callable[[dict[str, Any]], Project]
+ROOT = Path(__file__).resolve().parents[2]
+TABLES = ("alternatives", "sampling", "features", "feature_units", "scales", "densities", "posteriors", "held_out")
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A scheduler and its workers, processes of this machine that listen on 127.0.0.1 alone."""
+
+    address: str
+    workers: list[subprocess.Popen[bytes]]
+
+
+@contextmanager
+def process(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A command of Dask's that ends with the block."""
+    command = [
+        sys.executable,
+        "-m",
+        f"distributed.cli.dask_{name}",
+        "--host",
+        "127.0.0.1",
+        "--no-dashboard",
+        *arguments,
+    ]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with (folder / "log").open("ab") as log:
+        running = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
+        try:
+            yield running
+        finally:
+            running.terminate()
+            try:
+                running.wait(10)
+            except subprocess.TimeoutExpired:
+                running.kill()
+                running.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    folder = tmp_path / "dask"
+    folder.mkdir()
+    file = folder / "scheduler.json"
+    with ExitStack() as stack:
+        stack.enter_context(process(folder, "scheduler", "--port", "0", "--scheduler-file", str(file)))
+        for _ in range(600):
+            if file.exists():
+                break
+            time.sleep(0.1)
+        options = ["--scheduler-file", str(file), "--no-nanny", "--nthreads", "1", "--local-directory", str(folder)]
+        workers = [stack.enter_context(process(folder, "worker", *options)) for _ in range(2)]
+        yield Cluster(json.loads(file.read_text())["address"], workers)
+
+
+@pytest.fixture
+def large(parameters: dict[str, Any]) -> dict[str, Any]:
+    parameters["compute"]["partition"] = 100
+    parameters["sample"] |= {"sizes": [5, 20], "sets": 1, "working_set": 3050}
+    parameters["density"]["bandwidth"] = 0.05
+    return parameters
+
+
+def bytes_of(project: Project) -> dict[str, bytes]:
+    for stage in (ingest, sample, featurize, density, infer):
+        stage.run(project, "sweep")
+    return {name: project.table("sweep", name).read_bytes() for name in TABLES}
+
+
+def alive(cluster: Cluster) -> int:
+    from distributed import Client
+
+    with Client(cluster.address, set_as_default=False) as client:
+        return len(client.scheduler_info(n_workers=-1)["workers"])
+
+
+def test_a_cluster_that_loses_a_worker_half_way_gives_the_same_bytes(
+    make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = bytes_of(make_project(large))
+    monkeypatch.setenv(folds.SCHEDULER, cluster.address)
+    monkeypatch.setattr(folds, "ThreadPoolExecutor", None)  # nothing is computed on the side
+    killed: list[int] = []
+    add = Gathered.add
+
+    def kill_at_the_tenth(table: Gathered, rows: pl.DataFrame) -> None:
+        add(table, rows)
+        if table.rows >= 1000 and not killed:  # of 31 parts, 21 are not yet here
+            killed.append(alive(cluster))
+            cluster.workers[0].send_signal(signal.SIGKILL)
+
+    monkeypatch.setattr(Gathered, "add", kill_at_the_tenth)
+    there = bytes_of(make_project(large))
+    assert killed == [2]
+    assert cluster.workers[0].wait(10) == -signal.SIGKILL
+    assert alive(cluster) == 1
+    for name in TABLES:
+        assert there[name] == here[name], name
+
+
+def test_what_a_part_raises_on_a_worker_is_raised_here(
+    make_project: MakeProject, large: dict[str, Any], cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    large["compute"]["scheduler"] = cluster.address
+    job = Scaled(tmp_path / "none.parquet", ("f",), np.ones(1)), [Piece(0, 0, 1)]
+    with folds.workers(make_project(large)) as pool:
+        with pytest.raises(TableError, match=r"none\.parquet: there is no such file"):
+            list(pool.mapped(density.spread_of, [job], "one"))
+        monkeypatch.setattr(folds, "fingerprint", lambda: "of another program")
+    with folds.workers(make_project(large)) as pool, pytest.raises(StageError, match="another version of lessbench"):
+        list(pool.mapped(density.spread_of, [job], "one"))
+
+
+def test_a_scheduler_that_does_not_answer_is_named(
+    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folds, "_PATIENCE_S", 1)
+    monkeypatch.setenv(folds.SCHEDULER, "tcp://127.0.0.1:1")
+    with (
+        pytest.raises(StageError, match=r"scheduler tcp://127\.0\.0\.1:1 cannot be reached"),
+        folds.workers(make_project(large)),
+    ):
+        pass
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(StageError, match="extra `cluster`"), folds.workers(make_project(large)):
+        pass
+
+
+def test_a_scheduler_must_be_an_address(make_project: MakeProject, large: dict[str, Any]) -> None:
+    large["compute"]["scheduler"] = "somewhere"
+    with pytest.raises(ParameterError, match=r"compute\.scheduler"):
+        _ = make_project(large).params
