@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.choice.checks import matrix, positive
 from pipeline.choice.pair_score import PairScore
-from pipeline.choice.sampled_score import LIMIT, SampledScore
+from pipeline.choice.sampled_score import LIMIT, Reference, SampledScore, Whole
 from pipeline.choice.ties import DistinctRows, distinct_rows
 from pipeline.errors import ArgumentError, BandwidthError, one_of
 
@@ -90,7 +90,7 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
             "add alternatives, or give the bandwidth as a number."
         )
     if method == "leave-one-out" and len(groups.rows) > LIMIT:
-        return _sampled(groups)
+        return sampled_bandwidth(Whole(groups))
     if len(groups.rows) > _MOST_ROWS:
         raise ArgumentError(
             f"features has {len(groups.rows)} distinct rows, and method {method!r} compares all pairs of at most "
@@ -109,8 +109,13 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
     return Bandwidth(sigma, score.log_likelihood(sigma), method, True)
 
 
-def _sampled(groups: DistinctRows) -> Bandwidth:
-    score = SampledScore(groups)
+def sampled_bandwidth(rows: Reference) -> Bandwidth:
+    """The `leave-one-out` bandwidth of a large set, in memory or not, from some of its rows.
+
+    Raises:
+        BandwidthError: as `select_bandwidth`.
+    """
+    score = SampledScore(rows)
     found = score.maximum()
     return Bandwidth(
         found.sigma, found.log_likelihood, "leave-one-out", True,

@@ -69,6 +69,36 @@ def log_sums_over_part(points: ArrayLike, rows: ArrayLike, sigma: float) -> Floa
     return Neighbours(groups.rows, groups.counts).log_sums_at(matrix("points", points), sigma)
 
 
+def others_in_part(points: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(M,) how often each distinct point is a row of the part, and (M,) squared distance to its nearest other row.
+
+    The first adds up over parts, of the second the least counts.
+    """
+    both = distinct_rows(np.concatenate([points, rows]))
+    own = np.bincount(both.index[len(points) :], minlength=len(both.rows))[both.index[: len(points)]]
+    groups, nearest = distinct_rows(rows), np.empty(len(points))
+    neighbours = Neighbours(groups.rows, groups.counts)
+    for here in (own > 0, own == 0):
+        if here.any():
+            nearest[here] = neighbours.nearest(points[here], others=bool(own[here][0]))
+    return own.astype(np.float64), nearest
+
+
+def log_sums_of_others_in_part(
+    points: FloatArray, rows: FloatArray, sigmas: FloatArray, negligible: float
+) -> FloatArray:
+    """(K, M) log kernel sums over the rows of a part that are not the point; `np.logaddexp` adds those of other parts."""
+    groups = distinct_rows(rows)
+    neighbours = Neighbours(groups.rows, groups.counts)
+    inside = neighbours.nearest(points) == 0
+    log_sums = np.full((len(sigmas), len(points)), -np.inf)
+    if inside.any() and len(groups.rows) > 1:
+        log_sums[:, inside] = neighbours.log_sums_of_others(points[inside], sigmas, negligible)
+    if not inside.all():
+        log_sums[:, ~inside] = [neighbours.log_sums_at(points[~inside], sigma) for sigma in sigmas]
+    return log_sums
+
+
 @dataclass(frozen=True, eq=False)
 class JoinedSums:
     """What parts of a choice set add to the likelihoods of n demonstrations that each join it. They add up, in order.

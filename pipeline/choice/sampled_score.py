@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.random import PCG64, Generator
@@ -49,6 +50,90 @@ class Estimate:
     sigma_error: float
 
 
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Rows of a set, drawn at random: those that say where to start, and those of which some are scored.
+
+    Attributes:
+        first: (C, F) distinct rows, with `first_counts` (C,) of each.
+        rows: (D, F) distinct rows.
+        often: (D,) how often each was drawn.
+        own: (D,) how often each occurs in the set.
+        nearest: (D,) squared distance to the nearest other row of the set.
+    """
+
+    first: FloatArray
+    first_counts: FloatArray
+    rows: FloatArray
+    often: NDArray[np.intp]
+    own: FloatArray
+    nearest: FloatArray
+
+
+class Reference(Protocol):
+    """The set of rows that a score is about, in memory or not."""
+
+    total: int  # number of rows
+    distinct: int  # at most so many of them differ
+    lower: FloatArray  # (F,) least values
+    upper: FloatArray  # (F,) largest values
+    like: FloatArray  # (M, F) distinct rows in lexicographic order that lie as those of the set do
+    parts: int  # that it is transformed in
+    memory_bytes: float  # that the transform of a part may use
+    drawn: Drawn
+
+    def log_sums_of_others(self, points: FloatArray, sigmas: FloatArray, negligible: float) -> FloatArray:
+        """(K, M) log kernel sums at rows of the set over all others, as `Neighbours` has them."""
+
+    def sketch(self, grid: Grid) -> Sketch:
+        """Of all rows."""
+
+
+class Whole:
+    """A set in memory.
+
+    Args:
+        groups: distinct rows (G, F).
+    """
+
+    parts, memory_bytes = 1, engines.MEMORY_BYTES
+
+    def __init__(self, groups: DistinctRows) -> None:
+        self._groups = groups
+        self._neighbours = Neighbours(groups.rows, groups.counts)
+        self.total, self.distinct, self.like = len(groups.index), len(groups.rows), groups.rows
+        self.lower, self.upper = groups.rows.min(axis=0), groups.rows.max(axis=0)
+        generator = Generator(PCG64(_SEED))
+        first = np.sort(generator.permutation(len(groups.rows))[:_FIRST])
+        drawn = generator.permutation(self.total)[:_DRAWN]
+        owners = np.searchsorted(np.cumsum(groups.counts), drawn, side="right")
+        candidates, often = np.unique(owners, return_counts=True)
+        rows = groups.rows[candidates]
+        nearest = self._neighbours.nearest(rows, others=True)
+        counts = groups.counts
+        self.drawn = Drawn(groups.rows[first], counts[first], rows, often, counts[candidates], nearest)
+
+    def log_sums_of_others(self, points: FloatArray, sigmas: FloatArray, negligible: float) -> FloatArray:
+        """See `Reference`."""
+        return self._neighbours.log_sums_of_others(points, sigmas, negligible)
+
+    def sketch(self, grid: Grid) -> Sketch:
+        """See `Reference`."""
+        return Sketch.of(self._groups.rows, grid, self._groups.counts)
+
+
+def drawn_positions(total: int) -> NDArray[np.intp]:
+    """Which rows of a set that is not in memory are drawn, in order: 50,000 of all (or all), from PCG64(0)."""
+    if total <= _DRAWN:
+        return np.arange(total)
+    return np.sort(Generator(PCG64(_SEED)).choice(total, _DRAWN, replace=False, shuffle=False))
+
+
+def first_of(count: int) -> NDArray[np.intp]:
+    """Which of so many distinct rows that were drawn say where to start."""
+    return np.sort(Generator(PCG64(_SEED)).permutation(count)[:_FIRST])
+
+
 class SampledScore:
     """sum_i log [ sum_j exp(-d_ij^2 / 2 sigma^2) / (n_i (sigma sqrt(2 pi))^F) ], estimated from some of the rows i.
 
@@ -59,29 +144,24 @@ class SampledScore:
     isolated for it, are summed over neighbours. Either way the kernel sum of a row is good to 1e-4 of itself.
 
     Args:
-        groups: distinct rows (G, F).
+        rows: the set.
     """
 
-    def __init__(self, groups: DistinctRows) -> None:
-        self._groups = groups
-        self._total, self._dimensions = len(groups.index), groups.rows.shape[1]
-        self._neighbours = Neighbours(groups.rows, groups.counts)
-        generator = Generator(PCG64(_SEED))
-        self._first = np.sort(generator.permutation(len(groups.rows))[:_FIRST])
-        self._draw(generator.permutation(self._total)[:_DRAWN])
+    def __init__(self, rows: Reference) -> None:
+        self._set = rows
+        self._total, self._dimensions = rows.total, len(rows.lower)
+        self._draw(rows.drawn)
         self._sketch: Sketch | None = None
         self._narrowest = math.inf
 
-    def _draw(self, drawn: NDArray[np.intp]) -> None:
-        self._drawn = len(drawn)
-        owners = np.searchsorted(np.cumsum(self._groups.counts), drawn, side="right")
-        candidates, often = np.unique(owners, return_counts=True)
-        nearest = self._neighbours.nearest(self._groups.rows[candidates], others=True)
+    def _draw(self, drawn: Drawn) -> None:
+        often, nearest = drawn.often, drawn.nearest
+        self._drawn = int(often.sum())
         if not nearest.any():
             raise BandwidthError("features differ by less than 1e-160, whose squares vanish; scale the features up.")
         self._mean_nearest = float(np.average(nearest, weights=often))
         # all of the most isolated, and of those so often repeated that one of them outweighs a 2000th of what was drawn
-        certain = often * _STRATUM > len(drawn)
+        certain = often * _STRATUM > self._drawn
         certain[np.argsort(-nearest, kind="stable")[:_STRATUM]] = True
         others = np.flatnonzero(~certain)
         others = others[np.argsort(-nearest[others], kind="stable")]
@@ -92,10 +172,10 @@ class SampledScore:
         self._stands_for = np.ones(len(kept))
         if len(others):
             self._stands_for[self._certain :] = often[others].sum() / self._often[self._certain :].sum()
-        self._points, self._own = self._groups.rows[candidates[kept]], self._groups.counts[candidates[kept]]
+        self._points, self._own = drawn.rows[kept], drawn.own[kept]
         self._weights = self._often * self._stands_for
         # a quarter to begin with, and all that outweigh many others
-        heavy = self._often * _STRATUM > len(drawn)
+        heavy = self._often * _STRATUM > self._drawn
         self._quarter = np.flatnonzero(heavy | (np.arange(len(kept)) % 4 == 0))
         self._quarter_weights = (self._weights * np.where(heavy, 1.0, 4.0))[self._quarter]
 
@@ -120,11 +200,11 @@ class SampledScore:
         lower = 0.5 * math.log(0.5 * self._mean_nearest / self._dimensions)
         grid = [wider + step * (1 - number) for number in range(max(math.ceil((wider + step - lower) / step), 2) + 1)]
         # the maximum of smooth features narrows with the (F + 4)th root of their number
-        smooth = wider - math.log(len(self._groups.rows) / len(self._first)) / (self._dimensions + 4)
+        smooth = wider - math.log(self._set.distinct / len(self._set.drawn.first)) / (self._dimensions + 4)
         nodes = smooth + _NODES - _MARGIN
         self._prepare([*grid, *nodes], [len(self._quarter)] * len(grid) + [len(self._points)] * len(nodes))
         scores = self._quarter_means(grid)
-        widest = math.log(2 * math.dist(self._groups.rows.min(axis=0), self._groups.rows.max(axis=0)))
+        widest = math.log(2 * math.dist(self._set.lower, self._set.upper))
         while scores[0] == max(scores) and grid[0] < widest:
             grid.insert(0, grid[0] + step)
             scores.insert(0, *self._quarter_means(grid[:1]))
@@ -159,8 +239,8 @@ class SampledScore:
 
     def _wider(self) -> float:
         """The maximum of some distinct rows by themselves."""
-        groups = self._groups
-        some = DistinctRows(groups.rows[self._first], groups.counts[self._first], np.arange(len(self._first)))
+        drawn = self._set.drawn
+        some = DistinctRows(drawn.first, drawn.first_counts, np.arange(len(drawn.first)))
         score = PairScore(some, np.arange(len(some.rows)), self._dimensions)
         lower, upper = score.stationary_range()
         return score.maximum(lower, upper) or upper
@@ -171,30 +251,31 @@ class SampledScore:
         sigmas, at = np.exp(np.asarray(log_sigmas))[order], np.array(points)[order]
         if self._dimensions > DIMENSIONS or sigmas[-1] >= self._narrowest:
             return
-        count = len(self._groups.rows)
+        count = -(-self._set.distinct // self._set.parts)
         best = self._neighbours_seconds(sigmas, at), math.inf
         for number, narrowest in enumerate(sigmas, start=1):
             grid = self._grid(narrowest, sigmas[0])
-            if engines.transform_bytes(grid, count) > engines.MEMORY_BYTES:
+            if engines.transform_bytes(grid, count) > self._set.memory_bytes:
                 break
-            seconds = engines.transform_seconds(grid, count) + self._neighbours_seconds(sigmas[number:], at[number:])
+            seconds = self._set.parts * engines.transform_seconds(grid, count)
+            seconds += self._neighbours_seconds(sigmas[number:], at[number:])
             served = zip(sigmas[:number], at[:number], strict=True)
             seconds += sum(engines.transform_seconds(grid.cropped(sigma), some) for sigma, some in served)
             best = min(best, (seconds, float(narrowest)))
         if best[1] < self._narrowest:
             self._narrowest = best[1]
-            self._sketch = Sketch.of(self._groups.rows, self._grid(best[1], sigmas[0]), self._groups.counts)
+            self._sketch = self._set.sketch(self._grid(best[1], sigmas[0]))
 
     def _grid(self, narrowest: float, widest: float) -> Grid:
-        rows = self._groups.rows
-        return Grid.covering(rows.min(axis=0), rows.max(axis=0), narrowest, widest, self._total, _RELATIVE_ERROR)
+        lower, upper = self._set.lower.tolist(), self._set.upper.tolist()
+        return Grid.covering(lower, upper, narrowest, widest, self._total, _RELATIVE_ERROR)
 
     def _neighbours_seconds(self, sigmas: FloatArray, points: NDArray[np.intp]) -> float:
         """All of the descending `sigmas` in one pass, which compares as many pairs as the widest needs."""
         if not len(sigmas):
             return 0.0
-        share = engines.share_compared(self._groups.rows, self._total, math.inf, float(sigmas[0]), _RELATIVE_ERROR)
-        return engines.pass_seconds(points, share * len(self._groups.rows))
+        share = engines.share_compared(self._set.like, self._total, math.inf, float(sigmas[0]), _RELATIVE_ERROR)
+        return engines.pass_seconds(points, share * self._set.distinct)
 
     def _quarter_means(self, log_sigmas: list[float]) -> list[float]:
         scores = self._scores(log_sigmas, self._quarter)
@@ -227,11 +308,11 @@ class SampledScore:
         log_sums = np.empty((len(sigmas), len(points)))
         wide = int(np.sum(sigmas >= self._narrowest))
         if wide < len(sigmas):
-            log_sums[wide:] = self._neighbours.log_sums_of_others(points, sigmas[wide:], _RELATIVE_ERROR)
+            log_sums[wide:] = self._set.log_sums_of_others(points, sigmas[wide:], _RELATIVE_ERROR)
         if wide:
             log_sums[:wide], wrong = self._by_sketch(sigmas[:wide], points, own)
             if wrong.any():
-                others = self._neighbours.log_sums_of_others(points[wrong], sigmas[:wide], _RELATIVE_ERROR)
+                others = self._set.log_sums_of_others(points[wrong], sigmas[:wide], _RELATIVE_ERROR)
                 log_sums[:wide, wrong] = others
         return log_sums
 

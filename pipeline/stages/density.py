@@ -19,8 +19,9 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.choice import Bandwidth, choose_engine, log_density, select_bandwidth
+from pipeline.choice.bandwidth import sampled_bandwidth
 from pipeline.choice.engines import LONGEST_S, pair_seconds
-from pipeline.choice.partitions import log_sums_of_part, log_sums_over_part, sketch_grid, sketch_of_part
+from pipeline.choice.partitions import log_sums_of_part, log_sums_over_part, sketch_grid
 from pipeline.choice.scaling import Spread
 from pipeline.choice.sketch import Grid, Sketch
 from pipeline.errors import StageError
@@ -28,6 +29,7 @@ from pipeline.stages.folds import Workers, workers
 from pipeline.stages.parts import PARTITIONS, Piece, Scaled, SetRows, batches, contents, cut, gathered, read_pieces
 from pipeline.stages.project import SCRATCH, Project, recorded_run
 from pipeline.stages.provenance import provenance
+from pipeline.stages.streamed_set import StreamedSet, sketch_of
 from pipeline.stores.references import check_references
 from pipeline.stores.tables import GROUPS, read_table, table_writer, write_table
 
@@ -139,8 +141,8 @@ def _streamed(
     """Rows of densities.parquet for a set larger than a partition, in parts of a partition."""
     partition, what = project.params.compute.partition, f"density {one.set_id}"
     parts = tuple(one.between(first, first + count) for first, count in cut(one.rows, PARTITIONS * partition))
-    sigma = _bandwidth(features, one, bandwidth)
     spread = reduce(add, pool.mapped(spread_of, [(features, rows) for rows in parts], f"{what}: bounds"))
+    sigma = _bandwidth(pool, features, one, parts, spread, bandwidth, what)
     lower, upper = spread.lower.tolist(), spread.upper.tolist()
     grid = sketch_grid(lower, upper, sigma.value, one.rows, min(one.rows, PARTITIONS * partition))
     if grid is None:
@@ -164,12 +166,6 @@ def _streamed(
             yield from (table.slice(first, count) for first, count in cut(table.height, partition))
 
 
-def sketch_of(job: tuple[Scaled, Sequence[Piece], Grid]) -> Sketch:
-    """Of some rows."""
-    features, rows, grid = job
-    return sketch_of_part(features.read(rows), grid)
-
-
 def log_sums_of(part: Sketched) -> Floats:
     """(M,) log kernel sums over the whole set at the rows of a part."""
     total = sum(piece.count for rows in part.parts for piece in rows)
@@ -187,10 +183,21 @@ def log_sums_of(part: Sketched) -> Floats:
     return log_sums
 
 
-def _bandwidth(features: Scaled, one: SetRows, bandwidth: str | float) -> Bandwidth:
+def _bandwidth(
+    pool: Workers, features: Scaled, one: SetRows, parts: Sequence[Sequence[Piece]], spread: Spread,
+    bandwidth: str | float, what: str,
+) -> Bandwidth:  # fmt: skip
+    """Of one part, as of a set in memory; of more, `leave-one-out` on some rows alone."""
     if not isinstance(bandwidth, str):
         return Bandwidth(float(bandwidth), None, "fixed", True)
-    return select_bandwidth(_whole(features, one, "a bandwidth is selected in memory"), bandwidth)
+    if len(parts) == 1:
+        return select_bandwidth(features.read(one.pieces), bandwidth)
+    if bandwidth != "leave-one-out":
+        raise StageError(
+            f"density.bandwidth is {bandwidth!r}, which compares all pairs, and the set {one.set_id!r} has {one.rows:,} "
+            "alternatives; use leave-one-out or a number"
+        )
+    return sampled_bandwidth(StreamedSet(pool, features, parts, spread, what))
 
 
 def _whole(features: Scaled, one: SetRows, reason: str) -> Floats:

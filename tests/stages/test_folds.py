@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 
-from pipeline.errors import StageError
+from pipeline.choice import sampled_score, select_bandwidth
+from pipeline.choice.bandwidth import sampled_bandwidth
+from pipeline.choice.scaling import Spread
+from pipeline.errors import BandwidthError, StageError
 from pipeline.stages import density, featurize, folds, infer, ingest, sample
 from pipeline.stages import parts as parts_module
+from pipeline.stages.parts import Piece
 from pipeline.stages.project import Project
+from pipeline.stages.streamed_set import StreamedSet
 from pipeline.stores.tables import part_rows, read_table
+from pipeline.trajectories.streams import child_rng
 
 MakeProject = Callable[[dict[str, Any]], Project]
 
@@ -78,25 +85,77 @@ def test_parts_of_a_set_have_streams_of_their_own_and_small_sets_the_one_they_ha
     assert part_rows(project.table("sweep", "alternatives"), "alternatives") == (1950,)
 
 
-@pytest.mark.parametrize("bandwidth", [0.05, "leave-one-out"])
 @pytest.mark.parametrize("scale", ["range", "std"])
 def test_part_by_part_is_what_the_whole_set_in_memory_gives(
-    make_project: MakeProject, large: dict[str, Any], bandwidth: str | float, scale: str
+    make_project: MakeProject, large: dict[str, Any], scale: str
 ) -> None:
-    large["density"]["bandwidth"], large["features"]["scale"] = bandwidth, scale
+    large["features"]["scale"] = scale
     streamed = computed(drawn(make_project(large)))
     large["compute"]["partition"] = 50_000
     whole = computed(make_project(large))
     assert streamed[0].filter(set_id="working")["engine"].unique().to_list() == ["spectral"]
     assert whole[0].filter(set_id="working")["engine"].unique().to_list() == ["exact"]
     for name, one, other, tolerance in (
-        ("bandwidth", streamed[0], whole[0], 1e-9),
         ("log_density", streamed[0], whole[0], 1e-6),
-        ("log_posterior", streamed[1], whole[1], 1e-4),  # 1900 log densities good to 1e-6, beta up to 30
+        ("log_posterior", streamed[1], whole[1], 1e-4),  # log densities good to 1e-6, beta up to 30
     ):
         np.testing.assert_allclose(one[name], other[name], rtol=0, atol=tolerance, err_msg=name)
     boltzmann = [posteriors.filter(model="boltzmann")["log_posterior"] for posteriors in (streamed[1], whole[1])]
     np.testing.assert_allclose(*boltzmann, rtol=0, atol=1e-9)
+
+
+def test_a_bandwidth_is_selected_part_by_part(make_project: MakeProject, large: dict[str, Any]) -> None:
+    large["density"]["bandwidth"] = "leave-one-out"
+    project = drawn(make_project(large))
+    density.run(project, "sweep")
+    streamed = table(project, "densities").filter(set_id="working").row(0, named=True)
+    large["compute"]["partition"] = 50_000
+    density.run(make_project(large), "sweep")
+    whole = table(project, "densities").filter(set_id="working").row(0, named=True)
+    assert whole["rows_scored"] is None
+    assert streamed["rows_scored"] == 1900  # so few that all are
+    assert streamed["bandwidth_error"] == pytest.approx(0, abs=1e-12)
+    assert streamed["bandwidth"] == pytest.approx(whole["bandwidth"], rel=1e-3)
+    large["density"]["bandwidth"], large["compute"]["partition"] = "k-fold", 400
+    with pytest.raises(StageError, match="'k-fold', which compares all pairs, and the set 'working' has 1,900"):
+        density.run(make_project(large), "sweep")
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Scaled features in memory, where a stage has them in a file."""
+
+    values: np.ndarray
+
+    def read(self, pieces: Sequence[Piece]) -> np.ndarray:
+        return np.concatenate([self.values[piece.first : piece.first + piece.count] for piece in pieces])
+
+
+@pytest.mark.parametrize(("drawn_rows", "errors"), [(50_000, 0.02), (4000, 4.0)])
+def test_the_sampled_score_of_parts_is_that_of_the_set(
+    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch, drawn_rows: int, errors: float
+) -> None:
+    monkeypatch.setattr(sampled_score, "_DRAWN", drawn_rows)
+    rng = child_rng(3, "clusters")
+    values = rng.random((5, 3))[rng.integers(0, 5, 12_000)] + 0.05 * rng.normal(size=(12_000, 3))
+    values[7000:7040] = values[:40]  # in other parts
+    parts = [[Piece(0, first, min(2500, 12_000 - first))] for first in range(0, 12_000, 2500)]
+    spread = Spread.of(values)
+    with folds.workers(make_project(large)) as pool:
+        found = sampled_bandwidth(StreamedSet(pool, Rows(values), parts, spread, "clusters"))  # type: ignore[arg-type]
+    whole = select_bandwidth(values)
+    assert found.rows_scored is not None
+    assert found.rows_scored > 1500
+    assert found.value_error == pytest.approx(whole.value_error, rel=0.5)
+    assert abs(found.value - whole.value) < errors * found.value_error
+    assert abs(found.log_likelihood - whole.log_likelihood) < errors * found.log_likelihood_error
+
+
+def test_rows_that_are_all_the_same_have_no_bandwidth(make_project: MakeProject, large: dict[str, Any]) -> None:
+    values = np.ones((600, 2))
+    parts = [[Piece(0, 0, 300)], [Piece(0, 300, 300)]]
+    with folds.workers(make_project(large)) as pool, pytest.raises(BandwidthError, match="one distinct row"):
+        StreamedSet(pool, Rows(values), parts, Spread.of(values), "the same")  # type: ignore[arg-type]
 
 
 def test_from_the_same_densities_the_posteriors_agree_to_rounding(
