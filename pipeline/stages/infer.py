@@ -147,12 +147,6 @@ def _likelihoods(
 ) -> Iterator[tuple[tuple[SetRows, ...], dict[str, Floats]]]:
     """The sets of each size and number, of all anchors, with (n, K, B) log likelihoods under each model."""
     known, sigmas = {one.key: one for one in contents(densities, "densities").sets}, _bandwidths(densities)
-    for one in there.sets:
-        if one.key not in known or known[one.key].rows != one.rows:
-            raise StageError(
-                f"{densities}: has not the {one.rows} alternatives of set {'/'.join(map(str, one.key))} that "
-                "features.parquet has; run `dvc repro`"
-            )
     alike: dict[tuple[int, str], list[SetRows]] = {}
     for one in there.sets:
         alike.setdefault((one.set_size, one.set_id), []).append(one)
@@ -227,7 +221,9 @@ def part_sums(part: Part) -> dict[str, JoinedSums]:
     own = read_pieces(part.densities, "densities", part.density_rows, ["alternative_id", "log_density"])
     rows = read_pieces(question.features.path, "features", part.rows, ["id", *question.features.names])
     if not own["alternative_id"].equals(rows["id"]):
-        raise StageError(f"{part.densities}: its alternatives are not those of features.parquet; run `dvc repro`")
+        raise StageError(
+            f"{part.densities}: its alternatives are not in the order of features.parquet; make it again with `dvc repro`"
+        )
     phi = question.demonstrations[question.of(part.anchor)]
     alternatives = rows.select(question.features.names).to_numpy() / question.features.scale
     weights = {"less": own["log_density"].to_numpy(), "boltzmann": None}
