@@ -256,6 +256,35 @@ def verify(
 
 
 @app.command(rich_help_panel=LOOK)
+def watch(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[FOLDER]", help="Where recordings appear (default: those of the task).")
+    ] = None,
+    task: Annotated[
+        str | None, typer.Option(help="A task of params.yaml; needed if there are several and FOLDER is of none.")
+    ] = None,
+    until: Annotated[int | None, typer.Option(min=1, help="End once so many demonstrations are in use.")] = None,
+    idle_s: Annotated[
+        float | None, typer.Option("--idle-s", min=0, help="End once nothing has come for so many seconds.")
+    ] = None,
+    live: IsLive = False,
+    port: Port = 9876,
+    bind: Bind = "127.0.0.1",
+) -> None:
+    """Take recordings in as they appear and say after each what is most probable; Ctrl-C ends.
+
+    A recording counts once it is closed; one that cannot be used is named with its reason. What was found is kept in
+    datasets/TASK/watch, and no other file is changed.
+
+    Examples: `lessbench watch datasets/table/recordings --live`, `lessbench watch --task table --until 12`
+    """
+    from pipeline.stages.live import Live
+    from pipeline.stages.watch import Until, run
+
+    run(_project(), folder, task, Until(until, idle_s), Live(bind, port) if live else None)
+
+
+@app.command(rich_help_panel=LOOK)
 def summary() -> None:
     """Say what each stage took and produced when it last ran."""
     from rich.console import Console

@@ -92,14 +92,14 @@ def run(project: Project, name: str) -> None:
         people = read_table(sources[0], "demonstrations", ["demonstration_id", "participant"])
         there = contents(sources[1], "features")
         question = _question(task, settings, people, there, sources[1], read_table(sources[2], "scales"))
-        groups, thetas, betas = _groups(people), question.thetas, question.betas
+        groups, thetas, betas = groups_of(people), question.thetas, question.betas
         posteriors, held_out = [], []
         for sets, found in _likelihoods(pool, question, there, sources[3], partition, f"infer {name}"):
             for label, values in found.items():
                 _check_complete(values, question.ids)
                 about = {"task": name, "model": label, "set_size": sets[0].set_size, "set_id": sets[0].set_id}
                 columns = [pl.lit(value).alias(column) for column, value in about.items()]
-                posteriors.append(_posteriors(groups, values, thetas, betas).with_columns(columns))
+                posteriors.append(posterior_rows(groups, values, thetas, betas).with_columns(columns))
                 held_out.append(_held_out(people, values).with_columns(columns))
         stated = provenance(project, depends_on(project, name), sources)
         write_table(project.table(name, "posteriors"), "posteriors", pl.concat(posteriors), stated)
@@ -247,7 +247,7 @@ def _check_complete(values: Floats, ids: Sequence[str]) -> None:
         )
 
 
-def _groups(people: pl.DataFrame) -> list[Group]:
+def groups_of(people: pl.DataFrame) -> list[Group]:
     """Each demonstration, each participant with several, and all together."""
     rows: dict[str, list[int]] = {}
     singles: list[Group] = []
@@ -258,7 +258,8 @@ def _groups(people: pl.DataFrame) -> list[Group]:
     return [*singles, *several, ("all", "all", list(range(len(singles))))]
 
 
-def _posteriors(groups: Sequence[Group], values: Floats, thetas: Floats, betas: Floats) -> pl.DataFrame:
+def posterior_rows(groups: Sequence[Group], values: Floats, thetas: Floats, betas: Floats) -> pl.DataFrame:
+    """Rows of posteriors.parquet for each group, from (n, K, B) log likelihoods of the demonstrations."""
     log_posterior = np.stack(
         [posterior_from(values[of].sum(axis=0), thetas, betas).log_probability for _, _, of in groups]
     )

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     import polars as pl
     from numpy.typing import NDArray
 
-    from pipeline.stores.viewer_data import AlternativeSet, Inspection
+    from pipeline.stores.viewer_data import AlternativeSet, Inspection, Replay
+    from pipeline.studies.inspection import DensityMap
 
     Floats = NDArray[np.float64]
 
@@ -58,10 +59,20 @@ def layout(inspection: Inspection) -> rrb.Blueprint:
 
 
 def _scene_view(inspection: Inspection) -> rrb.Spatial3DView:
-    replay = inspection.replay
     shown = [group.paths for group in inspection.alternatives if group.shown]
-    moving = [inspection.demonstration_paths, *shown, replay.body_positions[:, 1:]]
+    moving = [inspection.demonstration_paths, *shown, inspection.replay.body_positions[:, 1:]]
     seen = np.concatenate([points.reshape(-1, 3) for points in moving])
+    return scene_view(inspection.replay, seen, hidden(inspection.alternatives))
+
+
+def scene_view(replay: Replay, seen: Floats, unseen: Sequence[str]) -> rrb.Spatial3DView:
+    """The view of the arm in its scene.
+
+    Args:
+        replay: where the robot stands, and from where its author looks.
+        seen: (P, 3) m, points that should be in the picture.
+        unseen: entities that wait to be selected.
+    """
     position, target = camera(seen, replay.body_positions[0, 1], replay.geometry.viewpoint)
     return rrb.Spatial3DView(
         origin="scene",
@@ -69,11 +80,11 @@ def _scene_view(inspection: Inspection) -> rrb.Spatial3DView:
         background=_background(palette.ROOM),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0)),
-        overrides={branch: rrb.EntityBehavior(visible=False) for branch in _hidden(inspection.alternatives)},
+        overrides={entity: rrb.EntityBehavior(visible=False) for entity in unseen},
     )
 
 
-def _hidden(alternatives: Sequence[AlternativeSet]) -> list[str]:
+def hidden(alternatives: Sequence[AlternativeSet]) -> list[str]:
     """The entities of the sets that wait to be selected."""
     return [alternatives_entity(group.name) for group in alternatives if not group.shown]
 
@@ -117,7 +128,7 @@ def _curve_views(inspection: Inspection) -> rrb.Tabs:
 
 
 def _feature_views(inspection: Inspection) -> rrb.Tabs:
-    views: list[rrb.View] = [_map_view(inspection)]
+    views: list[rrb.View] = [map_view(inspection.map)]
     if inspection.space is not None:
         eye = rrb.EyeControls3D(position=(2.2, 2.0, 1.5), look_target=(0.55, 0.55, 0.42), eye_up=(0.0, 0.0, 1.0))
         space = rrb.Spatial3DView(
@@ -135,8 +146,9 @@ def _spread_view(robustness: pl.DataFrame) -> rrb.Spatial2DView:
     return page_view("robustness", "KLAggregate (nats) against set size", spread_bounds(robustness))
 
 
-def _map_view(inspection: Inspection) -> rrb.Spatial2DView:
-    return page_view("map", f"Density: {' and '.join(inspection.map.features)}", map_bounds(inspection.map))
+def map_view(density: DensityMap) -> rrb.Spatial2DView:
+    """The view of the density over two features."""
+    return page_view("map", f"Density: {' and '.join(density.features)}", map_bounds(density))
 
 
 def page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
@@ -150,9 +162,9 @@ def page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[f
     )
 
 
-def text_view() -> rrb.TextDocumentView:
+def text_view(name: str = "Numbers, and where they came from") -> rrb.TextDocumentView:
     """The view of the summary."""
-    return rrb.TextDocumentView(origin="summary", name="Numbers, and where they came from")
+    return rrb.TextDocumentView(origin="summary", name=name)
 
 
 def _background(color: palette.RGB = palette.BACKGROUND) -> rrb.Background:

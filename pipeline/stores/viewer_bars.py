@@ -101,7 +101,7 @@ def log_lines(recording: rr.RecordingStream, chart: BarChart, column: int, value
     recording.log(f"{chart.entity}/{part(chart.models[column])}/{name}", lines, static=True)
 
 
-def log_frame(recording: rr.RecordingStream, chart: BarChart, rows: Sequence[str]) -> None:
+def log_frame(recording: rr.RecordingStream, chart: BarChart, rows: Sequence[str], *, static: bool = True) -> None:
     """Log the rows' names, and above and below each column its model and its scale."""
     names, colors = list(rows), [palette.WHITE] * len(rows)
     at = [(0.5 * chart.names_width, row * _ROW - _LABEL_DROP) for row in range(len(names))]
@@ -113,7 +113,7 @@ def log_frame(recording: rr.RecordingStream, chart: BarChart, rows: Sequence[str
         colors += [chart.color(column), palette.WHITE, palette.WHITE]
         at += [((left + right) / 2, -1.3 * _ROW - 0.5 * _LABEL_DROP), (left, bottom), (right, bottom)]
         rules += [[(x, -0.6 * _ROW), (x, bottom)] for x in (left, right)]
-    log_labels(recording, f"{chart.entity}/names", np.array(at), names, colors=colors)
+    log_labels(recording, f"{chart.entity}/names", np.array(at), names, static=static, colors=colors)
     thin = rr.Radius.ui_points(0.5)
     strips = rr.LineStrips2D(rules, radii=thin, colors=palette.GREY, draw_order=0.0)
-    recording.log(f"{chart.entity}/frame", strips, static=True)
+    recording.log(f"{chart.entity}/frame", strips, static=static)

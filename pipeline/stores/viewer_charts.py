@@ -107,7 +107,8 @@ def log_map(recording: rr.RecordingStream, density: DensityMap, points: Marks | 
         density: the image.
         points: (n, 2) values and colour of each kind of demonstrations, by name; those of the map, if not given.
     """
-    points = points or {"demonstrations": (density.demonstrations, palette.DEMONSTRATION)}
+    if points is None:
+        points = {"demonstrations": (density.demonstrations, palette.DEMONSTRATION)}
     height, width = density.density.shape
     # one dense spot, common with features that are often zero, would leave the rest dark on a linear scale
     share = np.sqrt(density.density[::-1] / density.density.max())
@@ -115,14 +116,27 @@ def log_map(recording: rr.RecordingStream, density: DensityMap, points: Marks | 
     image = rr.Image(palette.sequential(share, 0.0, 1.0), magnification_filter=smooth)
     recording.log("map/density", image, static=True)
     for name, (values, color) in points.items():
-        at = np.stack([_cells(values[:, 0], density.x), height - _cells(values[:, 1], density.y)], axis=1)
-        for suffix, radius, fill in ((" rims", 6.0, palette.BACKGROUND), ("", 4.5, color)):
-            dots = rr.Points2D(at, radii=rr.Radius.ui_points(radius), colors=fill, draw_order=31.0 - radius / 10)
-            recording.log(f"map/{part(name + suffix)}", dots, static=True)
+        log_map_points(recording, density, name, values, color)
     up = ticks(density.y[0], density.y[-1])
     _log_axes(recording, "map", (float(width), float(height)), density.x, up, _cells(up, density.y))
     names = [f"{feature} ({unit})" for feature, unit in zip(density.features, density.units, strict=True)]
     _log_axis_names(recording, "map", (float(width), float(height)), names[0], names[1])
+
+
+def log_map_points(
+    recording: rr.RecordingStream,
+    density: DensityMap,
+    name: str,
+    values: Floats,
+    color: palette.RGB,
+    *,
+    static: bool = True,
+) -> None:
+    """Log (n, 2) values as points on the map."""
+    at = np.stack([_cells(values[:, 0], density.x), len(density.y) - _cells(values[:, 1], density.y)], axis=1)
+    for suffix, radius, fill in ((" rims", 6.0, palette.BACKGROUND), ("", 4.5, color)):
+        dots = rr.Points2D(at, radii=rr.Radius.ui_points(radius), colors=fill, draw_order=31.0 - radius / 10)
+        recording.log(f"map/{part(name + suffix)}", dots, static=static)
 
 
 def _log_axes(

@@ -11,6 +11,8 @@ from pipeline.stores.viewer_bars import BarChart, full_scale, log_bars, log_fram
 from pipeline.stores.viewer_data import TIMELINE
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     import rerun as rr
     from numpy.typing import NDArray
 
@@ -53,6 +55,26 @@ def page(inspection: Inspection) -> Page:
     longest = max(float(posterior.max()) for posterior in inspection.posteriors.values())
     chart = BarChart("posterior", tuple(inspection.posteriors), full_scale(longest))
     return Page(order, highest.size - order.size, chart)
+
+
+def page_now(posteriors: Mapping[str, Floats]) -> Page:
+    """Lay out a chart whose end is not known: all hypotheses in their order, or of many the most probable now.
+
+    Args:
+        posteriors: (K,) by model.
+    """
+    highest = np.max(list(posteriors.values()), axis=0)
+    order = np.sort(np.argsort(-highest, kind="stable")[:_MOST_ROWS])
+    return Page(order, highest.size - order.size, BarChart("posterior", tuple(posteriors), 1.0))
+
+
+def log_now(recording: rr.RecordingStream, labels: Sequence[str], posteriors: Mapping[str, Floats]) -> None:
+    """Log the chart of the posteriors as they are at the recording's time; arguments as in `page_now`."""
+    layout = page_now(posteriors)
+    rows = [labels[k] for k in layout.order] + [f"the other {layout.others} together"] * (layout.others > 0)
+    log_frame(recording, layout.chart, rows, static=False)
+    for column, probabilities in enumerate(posteriors.values()):
+        log_bars(recording, layout.chart, column, layout.row_values(probabilities), static=False)
 
 
 def log_posteriors(recording: rr.RecordingStream, inspection: Inspection) -> None:

@@ -9,15 +9,12 @@ import socket
 import subprocess
 import sys
 import threading
-import time
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rerun.chunk import RrdReader
+from live_viewer import entities, lessbench, listening, received
 
 from pipeline.errors import StageError
 from pipeline.stages import density, featurize, infer, ingest, sample
@@ -27,8 +24,6 @@ from pipeline.stores.viewer import quiet_environment, viewer_command
 from pipeline.stores.viewer_live import Address, claim, open_beside, require_listening
 
 Make = Callable[[dict[str, Any]], Project]
-ROOT = Path(__file__).resolve().parents[2]
-WITHOUT_DISPLAY = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
 @pytest.fixture
@@ -37,65 +32,6 @@ def inferred(make_project: Make, parameters: dict[str, Any]) -> Project:
     for stage in (ingest, sample, featurize, density, infer):
         stage.run(project, "sweep")
     return project
-
-
-@contextmanager
-def lessbench(project: Project, *words: str) -> Iterator[subprocess.Popen[str]]:
-    """The command in a process of its own, without a display; it is stopped on the way out."""
-    environment = WITHOUT_DISPLAY | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "pipeline", *words],
-        cwd=project.root,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield process
-    finally:
-        if process.poll() is None:
-            process.kill()
-        process.communicate()
-
-
-def received(uri: str, path: Path, entity: str) -> set[str]:
-    """Connect as a viewer would, keep what comes, and give the entities that came; ends once `entity` is among them."""
-    command = [viewer_command()[0], "--bind", "127.0.0.1", "--port", "0", "--save", str(path), uri]
-    client = subprocess.Popen(
-        command, env=quiet_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True
-    )
-    try:
-        for _ in range(240):
-            time.sleep(0.25)
-            found = entities(path)
-            if entity in found:
-                return found
-    finally:
-        client.kill()
-        client.wait()
-    return entities(path)
-
-
-def entities(path: Path) -> set[str]:
-    """What is in a recording, also in one that is still being written."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a file that is still being written has no footer yet
-            return {chunk.entity_path for chunk in RrdReader(path).stream()}
-    except (OSError, RuntimeError, ValueError):
-        return set()
-
-
-def listening(port: int) -> set[str]:
-    """The addresses at which this machine listens on a port, as the kernel writes them."""
-    found = set()
-    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
-        for line in Path(table).read_text().splitlines()[1:]:
-            address, state = line.split()[1], line.split()[3]
-            if state == "0A" and int(address.rpartition(":")[2], 16) == port:
-                found.add(address.rpartition(":")[0])
-    return found
 
 
 def outer_address() -> str | None:

@@ -18,7 +18,7 @@ from pipeline.errors import ArgumentError, StageError
 from pipeline.replay import load_scene
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.stores import palette
-from pipeline.stores.blueprint import _hidden
+from pipeline.stores.blueprint import hidden
 from pipeline.stores.viewer import open_viewer, quiet_environment, viewer_command, write_inspection
 from pipeline.stores.viewer_charts import ticks
 from pipeline.stores.viewer_data import TIMELINE, AlternativeSet, FeatureSpace, Inspection, Replay
@@ -266,7 +266,7 @@ def test_a_set_of_alternatives_that_does_not_fit_is_refused():
 
 
 def test_sets_that_are_not_shown_wait_in_the_tree(inspection):
-    assert _hidden(inspection.alternatives) == ["scene/alternatives/sets\\ of\\ 3/set\\ \\?"]
+    assert hidden(inspection.alternatives) == ["scene/alternatives/sets\\ of\\ 3/set\\ \\?"]
 
 
 @pytest.mark.parametrize(
