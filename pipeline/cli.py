@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import sys
 from contextvars import ContextVar
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.errors import WorkbenchError
+from pipeline.stages.sql import Format
 
 if TYPE_CHECKING:
-    import polars as pl
-
     from pipeline.stages.project import Project
 
 app = typer.Typer(
@@ -184,20 +182,11 @@ def report() -> None:
     run(_project())
 
 
-class Format(StrEnum):
-    """How an answer is given."""
-
-    table = "table"
-    csv = "csv"
-    json = "json"
-    parquet = "parquet"
-
-
 @app.command(rich_help_panel=LOOK)
 def sql(
     question: Annotated[
         str | None,
-        typer.Argument(metavar="QUESTION", help="One SQL query (DuckDB's dialect); without it: what there is."),
+        typer.Argument(metavar="QUESTION", help="One SQL query (DuckDB's dialect); without it: a prompt."),
     ] = None,
     form: Annotated[
         Format, typer.Option("--format", help="How the answer is given; all but table go to other programs.")
@@ -205,20 +194,17 @@ def sql(
 ) -> None:
     """Ask the catalog a question; it is opened read-only, from any folder of the project.
 
+    Without a question it opens a prompt on a terminal, and elsewhere says what there is to ask about.
+
     Example: `lessbench sql "from best_hypothesis where participant = 'all' and set_id = 'working'"`
     """
-    from pipeline.stores.catalog import CONTENTS, EXAMPLES, ask
+    from pipeline.stages.sql import HISTORY, answer_once, prompt
 
-    answer = ask(_project().catalog, question or CONTENTS)
-    if form is Format.table:
-        _print_table(answer)
-    elif form is Format.parquet:
-        answer.write_parquet(sys.stdout.buffer)
+    project = _project()
+    if question is None and form is Format.table and sys.stdin.isatty() and sys.stdout.isatty():
+        prompt(project.catalog, project.root / HISTORY)
     else:
-        print(_as_text(answer, form), end="")  # noqa: T201
-    if question is None and form is Format.table:
-        print("Questions to begin with:")  # noqa: T201
-        print("\n".join(f"  {asked}\n    {example}" for asked, example in EXAMPLES.items()))  # noqa: T201
+        answer_once(project.catalog, question, form)
 
 
 @app.command(rich_help_panel=LOOK)
@@ -378,40 +364,3 @@ def _project() -> Project:
 
     overlay = _overlay.get()
     return find_project(Path.cwd(), overlay.resolve() if overlay else None)
-
-
-def _print_table(table: pl.DataFrame) -> None:
-    from rich.console import Console
-    from rich.table import Column, Table
-    from rich.text import Text
-
-    # as text, because square brackets would be taken for markup
-    shown = Table(*(Column(Text(name)) for name in table.columns))
-    for row in table.iter_rows():
-        shown.add_row(*(Text(_cell(value)) for value in row))
-    console = Console(width=None if sys.stdout.isatty() else 200)
-    console.print(shown)
-    console.print(f"{table.height} row{'s' if table.height != 1 else ''}")
-
-
-def _as_text(answer: pl.DataFrame, form: Format) -> str:
-    import json
-
-    import polars as pl
-
-    if form is Format.json:
-        return json.dumps(answer.to_dicts(), indent=1, default=str) + "\n"
-    # CSV has no lists: they are written as JSON
-    nested = [name for name, type_ in answer.schema.items() if type_.is_nested()]
-    return answer.with_columns(
-        pl.Series(name, [None if value is None else json.dumps(value) for value in answer[name].to_list()], pl.String)
-        for name in nested
-    ).write_csv()
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, list):
-        return "[" + ", ".join(_cell(item) for item in value) + "]"
-    return "" if value is None else str(value)
