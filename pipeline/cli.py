@@ -21,13 +21,31 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     help="What did this person want, and how sure can we be? Inference from demonstrations under competing models of "
-    "choice.\n\n`dvc repro` runs all stages that are out of date; the commands below run one stage, or look at results.",
+    "choice.\n\n`dvc repro` runs all stages that are out of date; the commands below run one stage, or look at results.\n\n"
+    "Example: `lessbench sql`, for a prompt that answers questions; `lessbench infer --help` explains a command; "
+    "`lessbench --install-completion` makes Tab complete commands and tasks.",
 )
 STAGES, LOOK, SETUP = "Stages (what `dvc repro` calls)", "Look at results", "Bring your own"
 importer = typer.Typer(no_args_is_help=True, help="Turn published demonstrations into MCAP recordings.")
 app.add_typer(importer, name="import", rich_help_panel=SETUP)
-TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.")]
-TaskOrStudies = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml, or `studies`.")]
+
+
+def _tasks() -> list[str]:
+    """For completion: the tasks of the project that the shell is in, or none."""
+    try:
+        return list(_project().params.tasks)
+    except WorkbenchError:
+        return []
+
+
+def _tasks_and_studies() -> list[str]:
+    return [*_tasks(), "studies"]
+
+
+TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.", autocompletion=_tasks)]
+TaskOrStudies = Annotated[
+    str, typer.Argument(metavar="TASK", help="A task of params.yaml, or `studies`.", autocompletion=_tasks_and_studies)
+]
 IsLive = Annotated[bool, typer.Option("--live", help="Also serve the recording to Rerun viewers on this machine.")]
 Port = Annotated[int, typer.Option(help="Of --live; 0 for any that is free.")]
 Bind = Annotated[str, typer.Option(metavar="ADDRESS", help="Of --live: another address lets other machines see it.")]
@@ -68,7 +86,10 @@ def main() -> None:
 
 @app.command(rich_help_panel=STAGES)
 def simulate(task: TaskName) -> None:
-    """Simulate the task's participants and write their recordings."""
+    """Simulate the task's participants and write their recordings.
+
+    Example: `lessbench simulate table`, with `simulate.participants` of params.yaml at 30 for thirty people.
+    """
     from pipeline.stages.simulate import run
 
     run(_project(), task)
@@ -76,7 +97,10 @@ def simulate(task: TaskName) -> None:
 
 @app.command(rich_help_panel=STAGES)
 def ingest(task: TaskName) -> None:
-    """Read the task's recordings into demonstrations.parquet."""
+    """Read the task's recordings into demonstrations.parquet.
+
+    Example: `lessbench ingest table`; what could not be used is in datasets/table/rejected.parquet.
+    """
     from pipeline.stages.ingest import run
 
     run(_project(), task)
@@ -84,7 +108,10 @@ def ingest(task: TaskName) -> None:
 
 @app.command(rich_help_panel=STAGES)
 def sample(task: TaskName) -> None:
-    """Draw the sets of alternatives into alternatives.parquet."""
+    """Draw the sets of alternatives into alternatives.parquet.
+
+    Example: `lessbench sample table`.
+    """
     from pipeline.stages.sample import run
 
     run(_project(), task)
@@ -92,7 +119,10 @@ def sample(task: TaskName) -> None:
 
 @app.command(rich_help_panel=STAGES)
 def featurize(task: TaskName) -> None:
-    """Replay every waypoint in MuJoCo and write features.parquet."""
+    """Replay every waypoint in MuJoCo and write features.parquet.
+
+    Example: `lessbench featurize table`.
+    """
     from pipeline.stages.featurize import run
 
     run(_project(), task)
@@ -100,7 +130,10 @@ def featurize(task: TaskName) -> None:
 
 @app.command(rich_help_panel=STAGES)
 def density(task: TaskName) -> None:
-    """Select each set's bandwidth and write densities.parquet and scales.parquet."""
+    """Select each set's bandwidth and write densities.parquet and scales.parquet.
+
+    Example: `lessbench density table`.
+    """
     from pipeline.stages.density import run
 
     run(_project(), task)
@@ -111,6 +144,8 @@ def infer(task: TaskName, live: IsLive = False, port: Port = 9876, bind: Bind = 
     """Compute the posterior over theta and beta under every model into posteriors.parquet.
 
     `lessbench infer table --live` then writes inspect.rrd as well and serves it to Rerun viewers.
+
+    Example: `lessbench infer table`, then `lessbench sql "from best_hypothesis where task = 'table'"`.
     """
     from pipeline.stages.infer import run
 
@@ -124,7 +159,10 @@ def infer(task: TaskName, live: IsLive = False, port: Port = 9876, bind: Bind = 
 
 @app.command(rich_help_panel=STAGES)
 def shift(task: TaskName) -> None:
-    """Draw sets of alternatives from different samplers into shifted_alternatives.parquet."""
+    """Draw sets of alternatives from different samplers into shifted_alternatives.parquet.
+
+    Example: `lessbench shift table`, then `lessbench study robustness table`.
+    """
     from pipeline.stages.shift import run
 
     run(_project(), task)
@@ -132,10 +170,22 @@ def shift(task: TaskName) -> None:
 
 @app.command(rich_help_panel=STAGES)
 def study(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="human-choice, grid-world or robustness.")],
-    task: Annotated[str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml.")] = None,
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            help="human-choice, grid-world or robustness.",
+            autocompletion=lambda: ["human-choice", "grid-world", "robustness"],
+        ),
+    ],
+    task: Annotated[
+        str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml.", autocompletion=_tasks)
+    ] = None,
 ) -> None:
-    """Run one of the paper's experiments: `human-choice`, `grid-world`, or `robustness TASK`."""
+    """Run one of the paper's experiments: `human-choice`, `grid-world`, or `robustness TASK`.
+
+    Example: `lessbench study grid-world`, or `lessbench study robustness table`.
+    """
     from pipeline.stages.study import run
 
     run(_project(), name, task)
@@ -148,6 +198,8 @@ def inspect(
     """Write inspect.rrd, the recording that `lessbench view` opens.
 
     `lessbench inspect table --live` also serves it: connect with `rerun rerun+http://127.0.0.1:9876/proxy`.
+
+    Example: `lessbench inspect table`, then `lessbench view table`.
     """
     from pipeline.stages import inspect, studies_inspect
 
@@ -160,7 +212,10 @@ def inspect(
 
 @app.command(rich_help_panel=STAGES)
 def figures(task: TaskOrStudies) -> None:
-    """Draw the figures of a task or of the studies, as SVG and PNG."""
+    """Draw the figures of a task or of the studies, as SVG and PNG.
+
+    Example: `lessbench figures table`; they are in datasets/table/figures.
+    """
     from pipeline.stages.figures import run, run_studies
 
     return run_studies(_project()) if task == "studies" else run(_project(), task)
@@ -168,7 +223,10 @@ def figures(task: TaskOrStudies) -> None:
 
 @app.command(rich_help_panel=STAGES)
 def catalog() -> None:
-    """Gather all tables in datasets/catalog.duckdb."""
+    """Gather all tables in datasets/catalog.duckdb.
+
+    Example: `lessbench catalog`, then `lessbench sql`.
+    """
     from pipeline.stages.catalog import run
 
     run(_project())
@@ -176,7 +234,10 @@ def catalog() -> None:
 
 @app.command(rich_help_panel=STAGES)
 def report() -> None:
-    """Write datasets/report.html: one file with the results, their figures and how they were made."""
+    """Write datasets/report.html: one file with the results, their figures and how they were made.
+
+    Example: `lessbench report`; open datasets/report.html in a browser, or print it.
+    """
     from pipeline.stages.report import run
 
     run(_project())
@@ -209,7 +270,10 @@ def sql(
 
 @app.command(rich_help_panel=LOOK)
 def view(task: TaskOrStudies) -> None:
-    """Open the recording of a task or of the studies in the Rerun viewer."""
+    """Open the recording of a task or of the studies in the Rerun viewer.
+
+    Example: `lessbench view table`, or `lessbench view studies`.
+    """
     from pipeline.stores.viewer import open_viewer
 
     project = _project()
@@ -272,7 +336,10 @@ def watch(
 
 @app.command(rich_help_panel=LOOK)
 def summary() -> None:
-    """Say what each stage took and produced when it last ran."""
+    """Say what each stage took and produced when it last ran.
+
+    Example: `lessbench summary`.
+    """
     from rich.console import Console
     from rich.table import Table
 
@@ -289,7 +356,10 @@ def check(
     files: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="MCAP files.")],
     task: Annotated[str | None, typer.Option(help="Also ask whether the task's joints are in it.")] = None,
 ) -> None:
-    """Say what each recording holds, whether it can be used, and if not why. Exit status 1 if any cannot."""
+    """Say what each recording holds, whether it can be used, and if not why. Exit status 1 if any cannot.
+
+    Example: `lessbench check my_recordings/*.mcap --task table`.
+    """
     from pipeline.stages.check import report
 
     usable = True
@@ -310,7 +380,10 @@ def new_task(
         str | None, typer.Option(help="Body or site whose path matters; else the last body.")
     ] = None,
 ) -> None:
-    """Write a task skeleton into params.yaml and say what to do next."""
+    """Write a task skeleton into params.yaml and say what to do next.
+
+    Example: `lessbench new-task pour --scene my_scene.xml --recordings my_recordings`, then `dvc repro inspect@pour`.
+    """
     from pipeline.stages.new_task import add_task
 
     print(add_task(_project(), name, scene, recordings, end_effector))  # noqa: T201
@@ -320,9 +393,9 @@ def new_task(
 def run(task: TaskName) -> None:
     """Run every stage of one task, from its recordings to its figures, whether or not it is out of date.
 
-    Meant for parameters in a file of their own, which `dvc repro` does not see:
+    Meant for parameters in a file of their own, which `dvc repro` does not see.
 
-    `lessbench --overlay mine.yaml run pour`
+    Example: `lessbench --overlay mine.yaml run pour`.
     """
     from pipeline.stages.run import run_task
 

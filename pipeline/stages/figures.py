@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import polars as pl
 from matplotlib.figure import Figure
 
+from pipeline.stages.progress import tracked
 from pipeline.stages.project import STUDIES, WORKING, Project, recorded_run
 from pipeline.stages.task_view import task_view
 from pipeline.stores.figures import write_figure
@@ -106,7 +107,7 @@ def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], mea
 
 def _write(project: Project, name: str, figures: Mapping[str, Figure], numbers: Numbers) -> str:
     with folder_written_whole(project.figures(name)) as partial:
-        for title, figure in figures.items():
+        for title, figure in tracked(list(figures.items()), f"figures {name}"):
             write_figure(partial, title, figure)
     write_metrics(project.metrics(name), numbers)
     return f"{len(figures)} figures"

@@ -1,9 +1,12 @@
-"""Progress on a terminal, silence in a pipe."""
+"""Progress and a last line on a terminal, silence in a pipe."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 Item = TypeVar("Item")
 
@@ -11,11 +14,37 @@ Item = TypeVar("Item")
 def tracked(items: Sequence[Item], what: str) -> Iterable[Item]:
     """The items, with a bar on standard error that shows rate and time left while they are gone through."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
-        console=console, disable=not console.is_terminal,
-    ) as progress:  # fmt: skip
+    if not console.is_terminal:
+        yield from items
+        return
+    with _bar() as progress:
         yield from progress.track(items, description=what)
+
+
+def say_done(what: str, produced: str, seconds: float) -> None:
+    """What stays on a terminal when a stage is through."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(stderr=True)
+    if console.is_terminal:
+        console.print(Text.assemble((what, "bold green"), f": {produced}, took {seconds:.1f} s"))
+
+
+def _bar() -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn
+    from rich.progress import TimeRemainingColumn as TimeLeft
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if not speed else f"{speed:.1f}/s" if speed >= 1 else f"{1 / speed:.1f} s each")
+
+    return Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(), TimeLeft(), TextColumn("left"),
+        console=Console(stderr=True), transient=True,
+    )  # fmt: skip

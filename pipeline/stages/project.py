@@ -15,6 +15,7 @@ from pathlib import Path
 from pipeline import params
 from pipeline.errors import ParameterError
 from pipeline.params import Params, Task
+from pipeline.stages.progress import say_done
 from pipeline.stores.parent import end_with_parent
 from pipeline.stores.whole import held, written_whole
 
@@ -126,6 +127,7 @@ def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
         run.seconds = time.perf_counter() - begin
         with written_whole(project.root / RUNS / f"{stage}@{task}.json") as stream:
             stream.write(json.dumps({**run.__dict__, "finished": time.time()}).encode())
+    say_done(f"{stage} {task}", run.produced, run.seconds)
     for note in run.notes:
         print(f"{stage} {task}: {note}", file=sys.stderr)  # noqa: T201
 

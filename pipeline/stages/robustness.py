@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.infer import hypotheses
+from pipeline.stages.progress import tracked
 from pipeline.stages.project import WORKING, Project, Run, recorded_run
 from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import load_task_scene
@@ -84,17 +86,21 @@ def _tables(
         hypotheses(task, project.params.infer),
         np.array(project.params.infer.betas),
     )
-    result = compare_samplings(problem, bandwidth)
+    watched = [
+        partial(tracked, what=f"robustness {name}: {part}") for part in ("posteriors", "other choices", "copies")
+    ]
+    result = compare_samplings(problem, bandwidth, watched[0])
     pool = own.filter(kind="alternative").select(features.names).to_numpy()
     used = scales["method"][0]
     ratios = {method: scale / feature_scale(pool, method, features.names) for method in SCALES if method != used}
-    sensitivity = vary_choices(problem, result, bandwidth, settings.bandwidth_factors, ratios, used)
+    sensitivity = vary_choices(problem, result, bandwidth, settings.bandwidth_factors, ratios, used, watched[1])
     duplicates = inject_duplicates(
         problem,
         tuple(sets for sets in problem.regimes[INDEPENDENT] if sets.set_size == settings.duplicates.set_size),
         Duplication(settings.duplicates.copied, settings.duplicates.copies, settings.duplicates.spreads),
         bandwidth,
         lambda set_id, anchor: child_rng(project.params.seed, "duplicates", name, anchor, set_id),
+        watched[2],
     )
     record.produced = f"{result.posteriors.height // len(problem.thetas):,} posteriors over theta compared"
     return {

@@ -56,6 +56,9 @@ class ChoiceSets:
     log_proposals: Mapping[str, Array]
 
 
+Cell = tuple[str, int, tuple[ChoiceSets, ...]]  # regime, set size, samplings
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Demonstrations, hypotheses, and for each regime the samplings whose posteriors are compared.
@@ -91,6 +94,11 @@ class Problem:
         samplings = self.regimes[regime]
         for size in sorted({sets.set_size for sets in samplings}):
             yield size, tuple(sets for sets in samplings if sets.set_size == size)
+
+    @property
+    def cells(self) -> list[Cell]:
+        """Regime, set size and samplings: the parts of a study, one after another."""
+        return [(regime, *of_size) for regime in self.regimes for of_size in self.by_size(regime)]
 
     def rescaled(self, ratio: Array) -> Problem:
         """The same with every feature multiplied by `ratio` (F,); what was truly wanted turns accordingly."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import polars as pl
@@ -48,6 +49,7 @@ def inject_duplicates(
     duplication: Duplication,
     bandwidth: str | float,
     stream: Callable[[str, str], np.random.Generator],
+    watched: Callable[[Sequence[tuple[int, float]]], Iterable[tuple[int, float]]] = iter,
 ) -> pl.DataFrame:
     """Divergence from the posterior of the clean set to that of the set with near-copies.
 
@@ -61,6 +63,7 @@ def inject_duplicates(
         duplication: what is slipped in.
         bandwidth: how LESS finds its bandwidth, or that bandwidth.
         stream: random stream of a sampling's id and an anchor.
+        watched: what pairs of copies and spread go through on their way, as in `compare_samplings`.
 
     Returns:
         Per demonstration (or all), model, number of copies and spread: `sets` (R), `kl_from_clean` (nats, mean over
@@ -75,19 +78,18 @@ def inject_duplicates(
     clean[CLEAN_BANDWIDTH] = clean[LESS_MODEL]
     noises = {sets: _noises(sets, duplication, stream) for sets in samplings}
     rows = []
-    for copies in duplication.copies:
-        for spread in duplication.spreads:
-            joined = tuple(_with_copies(sets, noises[sets], copies, spread) for sets in samplings)
-            anew = select_bandwidths(joined, bandwidth)
-            kept = dict(zip(joined, clean_widths.values(), strict=True))
-            scores: dict[str, tuple[Score, Mapping[ChoiceSets, Bandwidths] | None]] = {
-                BOLTZMANN: (boltzmann_score(problem), None),
-                LESS_MODEL: (less_score(problem, anew.__getitem__), anew),
-                CLEAN_BANDWIDTH: (less_score(problem, kept.__getitem__), kept),
-            }
-            for model, (score, widths) in scores.items():
-                moved = _marginals(problem, joined, score)
-                rows.append(_rows(problem, clean[model], moved, widths, model, copies, spread))
+    for copies, spread in watched(list(product(duplication.copies, duplication.spreads))):
+        joined = tuple(_with_copies(sets, noises[sets], copies, spread) for sets in samplings)
+        anew = select_bandwidths(joined, bandwidth)
+        kept = dict(zip(joined, clean_widths.values(), strict=True))
+        scores: dict[str, tuple[Score, Mapping[ChoiceSets, Bandwidths] | None]] = {
+            BOLTZMANN: (boltzmann_score(problem), None),
+            LESS_MODEL: (less_score(problem, anew.__getitem__), anew),
+            CLEAN_BANDWIDTH: (less_score(problem, kept.__getitem__), kept),
+        }
+        for model, (score, widths) in scores.items():
+            moved = _marginals(problem, joined, score)
+            rows.append(_rows(problem, clean[model], moved, widths, model, copies, spread))
     return pl.concat(rows)
 
 

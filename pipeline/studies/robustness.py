@@ -7,7 +7,7 @@ of it whose samplers have a known density, where Boltzmann can also be corrected
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ import polars as pl
 from pipeline.studies.choice_sets import (
     Array,
     Bandwidths,
+    Cell,
     ChoiceSets,
     Problem,
     Score,
@@ -55,12 +56,15 @@ class RobustnessResult:
     bandwidths: Mapping[ChoiceSets, Bandwidths]
 
 
-def compare_samplings(problem: Problem, bandwidth: str | float) -> RobustnessResult:
+def compare_samplings(
+    problem: Problem, bandwidth: str | float, watched: Callable[[Sequence[Cell]], Iterable[Cell]] = iter
+) -> RobustnessResult:
     """Posteriors under every sampling and model, and how much they differ.
 
     Args:
         problem: with the regimes INDEPENDENT and SHIFT, either or both.
         bandwidth: how LESS finds the bandwidth of each set, or that bandwidth.
+        watched: what the cells of the design go through on their way, such as a progress bar; it changes nothing.
 
     Raises:
         StageError: a demonstration has no alternatives.
@@ -71,30 +75,29 @@ def compare_samplings(problem: Problem, bandwidth: str | float) -> RobustnessRes
     likelihoods: dict[tuple[str, int, str], Array] = {}
     rows: list[pl.DataFrame] = []
     posteriors: list[pl.DataFrame] = []
-    for regime in problem.regimes:
-        for size, samplings in problem.by_size(regime):
-            scores: dict[str, Score] = {BOLTZMANN: boltzmann, LESS_MODEL: less}
-            for model, score in scores.items():
-                values = log_likelihoods(problem, samplings, score)
-                likelihoods[regime, size, model] = values
-                marginals = theta_marginals(log_posteriors(values))
-                rows.append(_measured(problem, marginals, regime, size, model))
-                posteriors.append(_posterior_rows(problem, marginals, samplings, regime, size, model))
-            known = [r for r, sets in enumerate(samplings) if sets.log_proposals]
-            if regime == SHIFT and len(known) > 1:
-                subset = tuple(samplings[r] for r in known)
-                for model in scores:
-                    part = theta_marginals(log_posteriors(likelihoods[regime, size, model][known]))
-                    rows.append(_measured(problem, part, KNOWN_DENSITY, size, model))
-                corrections = {
-                    WEIGHTED: weighted_score(problem, weighted=True, joined=True),
-                    WEIGHTED_APART: weighted_score(problem, weighted=True, joined=False),
-                    APART: weighted_score(problem, weighted=False, joined=False),
-                }
-                for model, score in corrections.items():
-                    marginals = theta_marginals(log_posteriors(log_likelihoods(problem, subset, score)))
-                    rows.append(_measured(problem, marginals, KNOWN_DENSITY, size, model))
-                    posteriors.append(_posterior_rows(problem, marginals, subset, KNOWN_DENSITY, size, model))
+    for regime, size, samplings in watched(problem.cells):
+        scores: dict[str, Score] = {BOLTZMANN: boltzmann, LESS_MODEL: less}
+        for model, score in scores.items():
+            values = log_likelihoods(problem, samplings, score)
+            likelihoods[regime, size, model] = values
+            marginals = theta_marginals(log_posteriors(values))
+            rows.append(_measured(problem, marginals, regime, size, model))
+            posteriors.append(_posterior_rows(problem, marginals, samplings, regime, size, model))
+        known = [r for r, sets in enumerate(samplings) if sets.log_proposals]
+        if regime == SHIFT and len(known) > 1:
+            subset = tuple(samplings[r] for r in known)
+            for model in scores:
+                part = theta_marginals(log_posteriors(likelihoods[regime, size, model][known]))
+                rows.append(_measured(problem, part, KNOWN_DENSITY, size, model))
+            corrections = {
+                WEIGHTED: weighted_score(problem, weighted=True, joined=True),
+                WEIGHTED_APART: weighted_score(problem, weighted=True, joined=False),
+                APART: weighted_score(problem, weighted=False, joined=False),
+            }
+            for model, score in corrections.items():
+                marginals = theta_marginals(log_posteriors(log_likelihoods(problem, subset, score)))
+                rows.append(_measured(problem, marginals, KNOWN_DENSITY, size, model))
+                posteriors.append(_posterior_rows(problem, marginals, subset, KNOWN_DENSITY, size, model))
     return RobustnessResult(pl.concat(rows), pl.concat(posteriors), _set_rows(problem, selected), likelihoods, selected)
 
 

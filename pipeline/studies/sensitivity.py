@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import polars as pl
@@ -13,6 +13,7 @@ from pipeline.choice.bandwidth import METHODS
 from pipeline.studies.choice_sets import (
     Array,
     Bandwidths,
+    Cell,
     ChoiceSets,
     Problem,
     boltzmann_score,
@@ -38,6 +39,7 @@ def vary_choices(
     factors: Sequence[float],
     ratios: Mapping[str, Array],
     scale: str,
+    watched: Callable[[Sequence[Cell]], Iterable[Cell]] = iter,
 ) -> pl.DataFrame:
     """The measures under every setting of each choice, all others as in the study.
 
@@ -52,6 +54,7 @@ def vary_choices(
         factors: multiples of the selected bandwidth.
         ratios: per other scale of the features, what scaled features are multiplied by to be on that scale, (F,).
         scale: name of the study's own scale.
+        watched: as in `compare_samplings`.
 
     Returns:
         `regime`, `choice`, `setting`, `model`, `set_size`, `is_default`, `bandwidth` (median over the samplings, in
@@ -59,19 +62,18 @@ def vary_choices(
     """
     rescaled = {name: problem.rescaled(ratio) for name, ratio in ratios.items()}
     rows = []
-    for regime in problem.regimes:
-        for size, samplings in problem.by_size(regime):
-            own = {model: result.likelihoods[regime, size, model] for model in (BOLTZMANN, LESS_MODEL)}
-            settings = [
-                *_factors(problem, samplings, own, result, factors),
-                *_selectors(problem, samplings, own, result, bandwidth),
-                *_betas(problem, samplings, own, result),
-            ]
-            rows += _rows(problem, regime, size, settings)
-            rows += _rows(problem, regime, size, _own(own, SCALE, scale, result, samplings))
-            for name, other in rescaled.items():
-                there = dict(other.by_size(regime))[size]
-                rows += _rows(other, regime, size, _rescored(other, there, name, bandwidth))
+    for regime, size, samplings in watched(problem.cells):
+        own = {model: result.likelihoods[regime, size, model] for model in (BOLTZMANN, LESS_MODEL)}
+        settings = [
+            *_factors(problem, samplings, own, result, factors),
+            *_selectors(problem, samplings, own, result, bandwidth),
+            *_betas(problem, samplings, own, result),
+        ]
+        rows += _rows(problem, regime, size, settings)
+        rows += _rows(problem, regime, size, _own(own, SCALE, scale, result, samplings))
+        for name, other in rescaled.items():
+            there = dict(other.by_size(regime))[size]
+            rows += _rows(other, regime, size, _rescored(other, there, name, bandwidth))
     return pl.concat(rows)
 
 
