@@ -76,7 +76,7 @@ def test_the_study_of_simulated_people(make_project: Make, parameters: dict[str,
     assert {name: project.table("sweep", name).read_bytes() for name in STUDY} == before
 
     figures.run(project, "sweep")
-    drawn = {path.stem for path in (project.datasets / "sweep" / figures.FOLDER).iterdir()}
+    drawn = {path.stem for path in project.figures("sweep").iterdir()}
     assert {"robustness", "two_posteriors", "importance", "accuracy", "duplicates", "sensitivity"} <= drawn
 
 
