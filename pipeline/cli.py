@@ -404,7 +404,10 @@ def run(task: TaskName) -> None:
 
 @app.command(rich_help_panel=SETUP)
 def recover() -> None:
-    """After DVC itself was killed: mend its own files, which it writes in place. `make repro` does this first."""
+    """After DVC itself was killed: mend its own files, which it writes in place. `make repro` does this first.
+
+    Example: `lessbench recover`, then `dvc repro`.
+    """
     from pipeline.stages.recover import recover
 
     print("\n".join(recover(_project()) or ["nothing to mend"]))  # noqa: T201
