@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.spatial.distance import cdist
 
 from pipeline.choice.checks import FloatArray
@@ -108,6 +107,8 @@ class PairScore:
 
     def _refined(self, low: float, high: float) -> float:
         """The zero of the slope between two log sigmas around a maximum."""
+        from scipy.optimize import brentq  # its import takes longer than most stages need for theirs
+
         for _ in range(20):
             if self._slope(low) > 0 > self._slope(high):
                 return math.exp(brentq(self._slope, low, high, xtol=1e-11))
