@@ -64,8 +64,8 @@ def take_picture(recording: Path, picture: Path, time_s: float | None, size: str
 
 
 @contextmanager
-def headless_viewer(recording: Path, size: str = "1600x1000") -> Iterator[ViewerClient]:
-    """A viewer without a window that shows `recording`; it is stopped on the way out.
+def headless_viewer(recording: Path | str, size: str = "1600x1000") -> Iterator[ViewerClient]:
+    """A viewer without a window that shows `recording`, a file or an address; it is stopped on the way out.
 
     Raises:
         RuntimeError: it did not start; the message ends with what it said.

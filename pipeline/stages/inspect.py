@@ -15,7 +15,7 @@ from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene
 from pipeline.stages.project import WORKING, Project, recorded_run
 from pipeline.stages.scenes import load_task_scene
-from pipeline.stages.task_view import TaskView, task_view
+from pipeline.stages.task_view import TaskView, read_waypoints, task_view
 from pipeline.stores.tables import read_table
 from pipeline.stores.viewer import write_inspection
 from pipeline.stores.viewer_data import AlternativeSet, FeatureSpace, Inspection, Replay
@@ -68,18 +68,24 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
 def _alternatives(project: Project, name: str, scene: Scene, view: TaskView) -> tuple[AlternativeSet, ...]:
     """The working set, which is shown, and the independent sets, which wait to be selected; of each a seeded share."""
     working = view.alternatives.with_columns(log_weight=pl.Series(view.log_weights))
-    found = []
+    drawn = []
     for rows in (working, *view.independent.partition_by("set_size", "set_id", maintain_order=True)):
         size, set_id = rows.select("set_size", "set_id").row(0)
-        drawn = rows[_some(project, rows.height, PATHS, name, int(size), str(set_id))]
-        paths = body_positions(scene, drawn["waypoints"].to_numpy().astype(np.float64), [scene.end_effector])
+        drawn.append(rows[_some(project, rows.height, PATHS, name, int(size), str(set_id))])
+    waypoints = read_waypoints(
+        project.table(name, "alternatives"), pl.concat([rows["alternative_id"] for rows in drawn])
+    )
+    paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
+    found, ends = [], np.cumsum([rows.height for rows in drawn])
+    for rows, mine in zip(drawn, np.split(paths, ends[:-1]), strict=True):
+        size, set_id = rows.select("set_size", "set_id").row(0)
         shown = set_id == WORKING
         found.append(
             AlternativeSet(
                 name=(WORKING,) if shown else (f"sets of {size}", f"set {set_id}"),
-                samplers=tuple(drawn["sampler"]),
-                paths=paths[scene.end_effector],
-                log_weights=drawn["log_weight"].to_numpy(),
+                samplers=tuple(rows["sampler"]),
+                paths=mine,
+                log_weights=rows["log_weight"].to_numpy(),
                 shown=shown,
             )
         )

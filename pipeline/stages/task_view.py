@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.choice import Posterior, posterior_from
 from pipeline.stages.project import WORKING, Project
 from pipeline.stores.references import check_references
-from pipeline.stores.tables import read_table
+from pipeline.stores.tables import part_rows, read_part, read_table
 from pipeline.studies.inspection import (
     DensityCurve,
     DensityMap,
@@ -22,6 +24,7 @@ from pipeline.studies.inspection import (
 )
 
 Floats = NDArray[np.float64]
+ALTERNATIVE = ["alternative_id", "anchor", "sampler", "set_size", "set_id"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +33,7 @@ class TaskView:
 
     Attributes:
         demonstrations: the table.
-        alternatives: the table's rows of the working set; of several anchors, the first one's.
+        alternatives: the table's rows of the working set without their waypoints; of several anchors, the first one's.
         phi: (N, F) raw feature values of each of these.
         demonstration_phi: (n, F) raw feature values of each demonstration.
         features: names of the features.
@@ -74,9 +77,13 @@ def task_view(project: Project, name: str) -> TaskView:
     """
     check_references({table: project.table(name, table) for table in INPUTS})
     demonstrations = read_table(project.table(name, "demonstrations"), "demonstrations")
-    alternatives, independent = _anchored_alike(read_table(project.table(name, "alternatives"), "alternatives"))
+    alternatives, independent = _anchored_alike(
+        read_columns(project.table(name, "alternatives"), "alternatives", ALTERNATIVE)
+    )
     features = read_table(project.table(name, "features"), "features")
-    all_densities = read_table(project.table(name, "densities"), "densities")
+    all_densities = read_columns(
+        project.table(name, "densities"), "densities", ["alternative_id", "bandwidth", "log_density"]
+    )
     densities = alternatives.select("alternative_id").join(all_densities, on="alternative_id", maintain_order="left")
     weighed = all_densities.select("alternative_id", log_weight=-pl.col("log_density"))
     scales = read_table(project.table(name, "scales"), "scales")
@@ -117,6 +124,24 @@ def task_view(project: Project, name: str) -> TaskView:
         meaning=theta_meaning(final.thetas),
         beliefs=beliefs,
     )
+
+
+def read_columns(path: Path, name: str, columns: Sequence[str]) -> pl.DataFrame:
+    """Some columns of a table that may be larger than memory as a whole."""
+    return pl.concat([read_part(path, name, number, columns) for number in range(len(part_rows(path, name)))])
+
+
+def read_waypoints(path: Path, ids: pl.Series) -> Floats:
+    """(A, T, J) waypoints of some of the alternatives of a table, which is read part by part."""
+    columns = ["alternative_id", "waypoints"]
+    found = pl.concat(
+        [
+            read_part(path, "alternatives", number, columns).filter(pl.col("alternative_id").is_in(ids.implode()))
+            for number in range(len(part_rows(path, "alternatives")))
+        ]
+    )
+    rows = ids.to_frame("alternative_id").join(found, on="alternative_id", how="left", maintain_order="left")
+    return rows["waypoints"].to_numpy().astype(np.float64)
 
 
 def _anchored_alike(alternatives: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:

@@ -31,6 +31,7 @@ from pipeline.stages.live import Live, announce, claimed, interrupted, say
 from pipeline.stages.project import WORKING, Project, recorded_run
 from pipeline.stages.provenance import provenance
 from pipeline.stages.scenes import load_task_scene
+from pipeline.stages.task_view import ALTERNATIVE, read_columns, read_waypoints
 from pipeline.stores import palette
 from pipeline.stores.arrivals import Arrivals, News
 from pipeline.stores.reasons import plain
@@ -229,16 +230,16 @@ def read_setting(project: Project, name: str) -> Setting:
     if set(names) != set(task.features):
         raise StageError(f"{sources[2]}: has features other than tasks.{name}.features; run `dvc repro`")
     working = pl.col("set_id") == WORKING
-    features = read_table(sources[1], "features", ["id", "set_id", *names]).filter(working)
+    features = read_columns(sources[1], "features", ["set_id", *names]).filter(working)
     columns = ["alternative_id", "set_id", "bandwidth", "log_density"]
-    densities = read_table(sources[3], "densities", columns).filter(working)
-    alternatives = read_table(sources[0], "alternatives").filter(working)
+    densities = read_columns(sources[3], "densities", columns).filter(working)
+    alternatives = read_columns(sources[0], "alternatives", ALTERNATIVE).filter(working)
     both = alternatives.join(densities, on="alternative_id", how="inner", maintain_order="left")
     if not features.height == alternatives.height == both.height > 0:
         raise StageError(f"{sources[3]}: does not have the alternatives of {sources[0].name}; run `dvc repro`")
     scene = load_task_scene(project, task)
     some = _some(project, name, both)
-    waypoints = some["waypoints"].to_numpy().astype(np.float64)
+    waypoints = read_waypoints(sources[0], some["alternative_id"])
     paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
     log_weights = -some["log_density"].to_numpy()
     return Setting(

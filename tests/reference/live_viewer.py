@@ -1,7 +1,8 @@
-"""A command that serves, and a client of it: what tests of `--live` need on both sides."""
+"""A command that serves, clients of it, and the real viewer without a screen: what tests of recordings need."""
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -10,7 +11,11 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
 
+import numpy as np
+import pytest
+from PIL import Image
 from rerun.chunk import RrdReader
 
 from pipeline.stages.project import Project
@@ -77,3 +82,25 @@ def listening(port: int) -> set[str]:
             if state == "0A" and int(address.rpartition(":")[2], 16) == port:
                 found.add(address.rpartition(":")[0])
     return found
+
+
+def pictures() -> ModuleType:
+    """docs/take_pictures.py; the test is skipped where nothing can be drawn without a screen."""
+    if not any(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json")):
+        pytest.skip("no software Vulkan here (apt-get install mesa-vulkan-drivers), so no picture without a screen")
+    spec = importlib.util.spec_from_file_location("take_pictures", ROOT / "docs" / "take_pictures.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def not_blank(path: Path) -> np.ndarray:
+    """A screenshot as (H, W, 3), after a check that each quarter of it shows something."""
+    with Image.open(path) as shown:
+        pixels = np.asarray(shown.convert("RGB"))
+    height, width = pixels.shape[0] // 2, pixels.shape[1] // 2
+    for quarter in (pixels[:height, :width], pixels[:height, width:], pixels[height:, :width], pixels[height:, width:]):
+        assert len(np.unique(quarter.reshape(-1, 3), axis=0)) > 50, path
+    return pixels

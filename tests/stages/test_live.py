@@ -9,18 +9,20 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from live_viewer import entities, lessbench, listening, received
+from live_viewer import entities, lessbench, listening, not_blank, pictures, received
 
 from pipeline.errors import StageError
 from pipeline.stages import density, featurize, infer, ingest, sample
 from pipeline.stages.live import Live, claimed
 from pipeline.stages.project import Project
 from pipeline.stores.viewer import quiet_environment, viewer_command
+from pipeline.stores.viewer_data import TIMELINE
 from pipeline.stores.viewer_live import Address, claim, open_beside, require_listening
 
 Make = Callable[[dict[str, Any]], Project]
@@ -73,6 +75,22 @@ def test_a_recording_is_served_here_only_and_saved(inferred: Project, tmp_path: 
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=30) == 0
     assert listening(port) == set()
+
+
+def test_the_real_viewer_shows_what_is_served(inferred: Project, tmp_path: Path) -> None:
+    drawn = pictures()
+    with lessbench(inferred, "inspect", "sweep", "--live", "--port", "0", "--stay") as process:
+        assert process.stdout is not None
+        uri = process.stdout.readline().split(" at ")[1].strip()
+        with drawn.headless_viewer(uri) as viewer:
+            viewer.set_time(timeline=TIMELINE, duration=1.0, play_state="paused")
+            time.sleep(1.0)
+            # two features: no cube; no robustness study: no KLAggregate
+            state = viewer.get_state()
+            assert len(state.views) == 6
+            assert [view.reports for view in state.views if view.reports] == []
+            viewer.save_screenshot(str(tmp_path / "live.png"))
+    not_blank(tmp_path / "live.png")
 
 
 def test_in_a_pipe_it_ends_when_the_work_is_done(inferred: Project) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from live_viewer import entities, lessbench, listening, received
+from live_viewer import entities, lessbench, listening, not_blank, pictures, received
 
 from pipeline.errors import StageError, TableError
 from pipeline.stages import density, featurize, infer, ingest, sample, watch
@@ -170,6 +170,18 @@ def test_it_serves_while_it_watches_and_keeps_what_it_has_when_told_to_end(proje
     assert process.returncode == 0, complained
     assert rest.splitlines()[-1] == "3 demonstrations; kept in datasets/sweep/watch"
     assert "/summary" in entities(project.datasets / "sweep" / "watch" / "inspect.rrd")
+
+
+def test_the_real_viewer_shows_what_was_watched(project: Project, tmp_path: Path) -> None:
+    drawn = pictures()
+    watch.run(project, None, None, Until(demonstrations=3), None)
+    with drawn.headless_viewer(project.datasets / "sweep" / "watch" / "inspect.rrd") as viewer:
+        time.sleep(1.0)
+        state = viewer.get_state()
+        assert len(state.views) == 4
+        assert [view.reports for view in state.views if view.reports] == []
+        viewer.save_screenshot(str(tmp_path / "watched.png"))
+    not_blank(tmp_path / "watched.png")
 
 
 def test_nothing_came_and_nothing_is_lost(project: Project, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
