@@ -3,7 +3,7 @@ PYTHON ?= python3
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: repro test install
+.PHONY: repro test pictures install
 
 install: .venv/installed
 
@@ -25,3 +25,6 @@ test: install
 	lint-imports
 	pytest -q
 
+# the pictures of README and docs, from what `make repro` computed
+pictures: install
+	python docs/make_pictures.py
