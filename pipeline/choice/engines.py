@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from pipeline.choice.checks import FloatArray
-from pipeline.choice.pairs import LEAF, NEGLIGIBLE, POINTS, cut_off
+from pipeline.choice.pairs import LEAF, POINTS, cut_off
 from pipeline.choice.sketch import DIMENSIONS, Grid
 from pipeline.choice.slabs import MOST, Slab, cut
 from pipeline.errors import ArgumentError
@@ -34,7 +34,7 @@ _PAIR = 3.5e-9
 _TREE = 1e-6  # per row and point: building the tree, boxes
 _POINT = 1.5e-4  # per point by itself: looking for its leaves
 _KERNEL = 4e-9  # per pair of a point by itself, and ...
-_SQUARE = 2.5e-9  # ... for every bandwidth
+_SQUARE = 4e-9  # ... for every bandwidth
 _ROW = 2e-7  # per row: sorting, phases
 _SPREAD = 4e-10  # per row and point of FINUFFT's kernel
 _FFT = 4e-8  # per point of the oversampled grid
@@ -125,18 +125,16 @@ def spread_seconds(grid: Grid, points: int) -> float:
     return float(_ROW + _SPREAD * grid.width(points) ** len(grid.modes))
 
 
-def share_compared(
-    rows: FloatArray, total: float, points: float | None, sigma: float, negligible: float = NEGLIGIBLE
-) -> float:
-    """The share of pairs that lie in leaves within the cut-off, from 1000 rows evenly spaced in order.
+def some_distances(rows: FloatArray) -> FloatArray:
+    """Distances of pairs of 1000 rows evenly spaced in order."""
+    return np.asarray(pdist(rows[:: max(len(rows) // 1000, 1)]))
 
-    `points` is their number, None for the rows themselves and infinite for points taken one by one.
-    """
-    distances = pdist(rows[:: max(len(rows) // 1000, 1)])
+
+def share_compared(distances: FloatArray, reach: float, *tiles: float) -> float:
+    """The share of pairs that lie in tiles within `reach`, each tile a given share of the rows or points."""
     # the two ends of a pair are so near to the other rows of their tiles
-    tiles = LEAF / len(rows), LEAF / len(rows) if points is None else POINTS / points
     extents = np.quantile(distances, np.minimum(tiles, 1.0))
-    return float(np.mean(distances <= cut_off(total, sigma, negligible) + extents.sum()))
+    return float(np.mean(distances <= reach + extents.sum()))
 
 
 def pair_seconds(pairs: float) -> float:
@@ -157,6 +155,7 @@ def _exact(count: int, points: int | None) -> EngineChoice:
 def neighbours(rows: FloatArray, total: float, points: int | None, sigma: float) -> EngineChoice:
     """Cost of the engine that leaves out what is beyond the cut-off."""
     at = len(rows) if points is None else points
-    pairs = at * len(rows) * share_compared(rows, total, points, sigma)
+    tiles = LEAF / len(rows), LEAF / len(rows) if points is None else POINTS / points
+    pairs = at * len(rows) * share_compared(some_distances(rows), cut_off(total, sigma), *tiles)
     seconds = pair_seconds(0.5 * pairs if points is None else pairs) + _TREE * (len(rows) + at)
     return EngineChoice("neighbours", seconds, 16.0 * rows.size + 64.0 * len(rows) + 32e6)

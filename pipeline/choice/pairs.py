@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,16 @@ class Neighbours:
         What is left out is less than `negligible` of the largest term of a sum.
         """
         nearest = self.nearest(points, others=True)
+        halves = [slice(len(points) // 2), slice(len(points) // 2, None)]
+        with ThreadPoolExecutor(len(halves)) as pool:
+            parts = pool.map(lambda half: self._sums_of_others(points[half], nearest[half], sigmas, negligible), halves)
+            sums = np.concatenate(list(parts), axis=1)
+        return np.asarray(np.log(sums) - nearest * (0.5 / sigmas[:, None] ** 2))
+
+    def _sums_of_others(
+        self, points: FloatArray, nearest: FloatArray, sigmas: FloatArray, negligible: float
+    ) -> FloatArray:
+        """(K, M) relative to the term of the nearest row."""
         reaches = nearest + cut_off(self._total, sigmas[0], negligible) ** 2
         precisions = 0.5 / sigmas**2
         halved = np.isclose(sigmas[:-1] / sigmas[1:], math.sqrt(2), rtol=1e-12, atol=0)
@@ -160,7 +171,7 @@ class Neighbours:
                             np.multiply(excess, -precision, out=kernel)
                         np.exp(kernel, out=kernel)
                     sums[step, number] += np.einsum("j,j->", kernel, counts)
-        return np.asarray(np.log(sums) - nearest * precisions[:, None])
+        return sums
 
     def _within(self, points: FloatArray, reach: float) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Rows and counts of the leaves within `reach`, a squared distance, of the box of the points, in pieces."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipeline.choice import engines
 from pipeline.choice.checks import FloatArray
 from pipeline.choice.pair_score import PairScore
-from pipeline.choice.pairs import Neighbours
+from pipeline.choice.pairs import LEAF, Neighbours, cut_off
 from pipeline.choice.sketch import DIMENSIONS, Grid, Sketch
 from pipeline.choice.ties import DistinctRows
 from pipeline.errors import BandwidthError
@@ -150,6 +150,7 @@ class SampledScore:
     def __init__(self, rows: Reference) -> None:
         self._set = rows
         self._total, self._dimensions = rows.total, len(rows.lower)
+        self._distances = engines.some_distances(rows.like)
         self._draw(rows.drawn)
         self._sketch: Sketch | None = None
         self._narrowest = math.inf
@@ -201,8 +202,7 @@ class SampledScore:
         grid = [wider + step * (1 - number) for number in range(max(math.ceil((wider + step - lower) / step), 2) + 1)]
         # the maximum of smooth features narrows with the (F + 4)th root of their number
         smooth = wider - math.log(self._set.distinct / len(self._set.drawn.first)) / (self._dimensions + 4)
-        nodes = smooth + _NODES - _MARGIN
-        self._prepare([*grid, *nodes], [len(self._quarter)] * len(grid) + [len(self._points)] * len(nodes))
+        self._prepare(grid, smooth + _NODES - _MARGIN)
         scores = self._quarter_means(grid)
         widest = math.log(2 * math.dist(self._set.lower, self._set.upper))
         while scores[0] == max(scores) and grid[0] < widest:
@@ -215,7 +215,7 @@ class SampledScore:
 
     def _refined(self, log_sigma: float) -> Estimate:
         for _ in range(_MOVES):
-            self._prepare(log_sigma + _NODES - _MARGIN, [len(self._points)] * 4)
+            self._prepare([], log_sigma + _NODES - _MARGIN)
             constant, linear, square, cube = np.einsum("kn,ns->ks", _CUBIC, self._scores(log_sigma + _NODES))
             slope, bend, twist = map(self._average, (linear, square, cube))
             peaked = bend < 0 and bend**2 > 3 * slope * twist
@@ -245,22 +245,32 @@ class SampledScore:
         lower, upper = score.stationary_range()
         return score.maximum(lower, upper) or upper
 
-    def _prepare(self, log_sigmas: ArrayLike, points: list[int]) -> None:
-        """The sketch that serves those of the bandwidths for which it is predicted to save time."""
-        order = np.argsort(-np.asarray(log_sigmas))
-        sigmas, at = np.exp(np.asarray(log_sigmas))[order], np.array(points)[order]
+    def _prepare(self, grid: list[float], nodes: FloatArray) -> None:
+        """The sketch that serves those of the bandwidths for which it is predicted to save time, of the nodes all or none.
+
+        Args:
+            grid: log bandwidths to be scored on a quarter of the rows.
+            nodes: descending log bandwidths to be scored on all.
+        """
+        log_sigmas = np.concatenate([grid, nodes])
+        order = np.argsort(-log_sigmas)
+        sigmas = np.exp(log_sigmas)[order]
+        at = np.array([len(self._quarter)] * len(grid) + [len(self._points)] * len(nodes))[order]
         if self._dimensions > DIMENSIONS or sigmas[-1] >= self._narrowest:
             return
         count = -(-self._set.distinct // self._set.parts)
+        highest, lowest = np.exp(nodes)[[0, -1]]
         best = self._neighbours_seconds(sigmas, at), math.inf
         for number, narrowest in enumerate(sigmas, start=1):
-            grid = self._grid(narrowest, sigmas[0])
-            if engines.transform_bytes(grid, count) > self._set.memory_bytes:
+            if lowest < narrowest <= highest:
+                continue
+            box = self._grid(narrowest, sigmas[0])
+            if engines.transform_bytes(box, count) > self._set.memory_bytes:
                 break
-            seconds = self._set.parts * engines.transform_seconds(grid, count)
+            seconds = self._set.parts * engines.transform_seconds(box, count)
             seconds += self._neighbours_seconds(sigmas[number:], at[number:])
             served = zip(sigmas[:number], at[:number], strict=True)
-            seconds += sum(engines.transform_seconds(grid.cropped(sigma), some) for sigma, some in served)
+            seconds += sum(engines.transform_seconds(box.cropped(sigma), some) for sigma, some in served)
             best = min(best, (seconds, float(narrowest)))
         if best[1] < self._narrowest:
             self._narrowest = best[1]
@@ -274,7 +284,8 @@ class SampledScore:
         """All of the descending `sigmas` in one pass, which compares as many pairs as the widest needs."""
         if not len(sigmas):
             return 0.0
-        share = engines.share_compared(self._set.like, self._total, math.inf, float(sigmas[0]), _RELATIVE_ERROR)
+        reach = cut_off(self._total, float(sigmas[0]), _RELATIVE_ERROR)
+        share = engines.share_compared(self._distances, reach, LEAF / self._set.distinct)
         return engines.pass_seconds(points, share * self._set.distinct)
 
     def _quarter_means(self, log_sigmas: list[float]) -> list[float]:
