@@ -18,6 +18,9 @@ from pathlib import Path
 from PIL import Image
 from take_pictures import take_picture
 
+from pipeline.stages.project import Project
+from pipeline.stages.watch import Until, run
+
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = {
     "human_choice.png": "studies/figures/human_choice.png",
@@ -33,7 +36,12 @@ PICTURES = {
 }
 
 
-VIEWS = {"table.png": ("table/inspect.rrd", 44.0), "studies.png": ("studies/inspect.rrd", None)}  # s into the replay
+VIEWS = {  # and the second of the replay, where it is not the one that it opens with
+    "table.png": ("table/inspect.rrd", 44.0),
+    "studies.png": ("studies/inspect.rrd", None),
+    "watch.png": ("table/watch/inspect.rrd", None),
+}
+WATCHED = 3  # recordings of the task `table`, for the picture of `lessbench watch`
 REPORT, REPORT_SIZE = "report.png", "1100,1500"
 TARGET = ROOT / "docs" / "pictures"
 
@@ -43,6 +51,7 @@ def main() -> None:
     for name, source in PICTURES.items():
         with Image.open(ROOT / "datasets" / source) as figure:
             figure.convert("RGB").reduce(2).save(TARGET / name, optimize=True)
+    run(Project(ROOT), None, "table", Until(demonstrations=WATCHED), None)
     missing = []
     for name, (recording, time_s) in VIEWS.items():
         try:

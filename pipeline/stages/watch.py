@@ -352,7 +352,7 @@ def _marginals(belief: Belief) -> tuple[dict[str, Floats], str]:
     lines = [
         f"# {belief.setting.name}",
         "",
-        f"**{len(belief.rows)} demonstrations** so far, {len(belief.setting.raw):,} alternatives.",
+        f"**{len(belief.rows)} demonstration{'s' * (len(belief.rows) != 1)}** so far, {len(belief.setting.raw):,} alternatives.",
         "",
         *(f"- {line}" for line in _lines(belief)),
         "",
@@ -425,7 +425,7 @@ def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, 
 def _counts(belief: Belief, rejected: dict[str, dict[str, str]], arrivals: Arrivals) -> list[str]:
     unfinished = [path for path in arrivals.open if path.name not in rejected and path.stem not in belief.rows]
     return [
-        f"{len(belief.rows)} demonstrations",
+        f"{len(belief.rows)} demonstration{'s' * (len(belief.rows) != 1)}",
         *([f"{len(rejected)} not used"] if rejected else []),
         *([f"{len(unfinished)} never closed ({', '.join(path.name for path in unfinished)})"] if unfinished else []),
     ]

@@ -44,7 +44,7 @@ def log_space(recording: rr.RecordingStream, space: FeatureSpace) -> None:
         values = ticks(low[axis], low[axis] + span[axis])
         at = np.repeat(edges[axis][None], values.size + 1, axis=0)
         at[:, axis] = [*((values - low[axis]) / span[axis]), 0.5]
-        at[-1] += 2.6 * (edges[axis] - np.clip(edges[axis], 0.0, 1.0))
+        at[-1] += 3.6 * (edges[axis] - np.clip(edges[axis], 0.0, 1.0))
         texts = [*(f"{value:g}" for value in values), f"{feature} ({unit})"]
         named = [drawable(text) for text in texts]
         labels = rr.Points3D(at, radii=0.0, colors=palette.WHITE, labels=named, show_labels=True)

@@ -141,7 +141,7 @@ def test_what_changes_is_taken_anew_and_what_goes_is_forgotten(
     feeder.start()
     watch.run(project, folder, None, Until(idle_s=3.0), None)
     feeder.join()
-    assert heard("1 demonstrations, 1 not used; kept in datasets/sweep/watch")
+    assert heard("1 demonstration, 1 not used; kept in datasets/sweep/watch")
 
     shutil.rmtree(project.root / "mine")
     bow(project.root / "mine" / "demo-1.mcap")
