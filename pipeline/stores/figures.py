@@ -94,7 +94,8 @@ def in_style(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 def _settle(figure: Figure) -> None:
     """Lay out once and round: the layout's solver visits its variables by address, so its last digits change."""
     figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    with mpl.rc_context({"figure.constrained_layout.use": False}):
+        figure.set_layout_engine(None)  # with a placeholder for it, each saving would draw the figure twice
     for axes in figure.axes:
         left, bottom, width, height = (round(float(edge), _DIGITS) for edge in axes.get_position(original=True).bounds)
         axes.set_position((left, bottom, width, height), which="original")
