@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from kills import Undisturbed
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -24,3 +28,11 @@ def shared() -> Path:
     if not path.is_dir():
         pytest.skip(f"the real recordings are not here: {path} does not exist")
     return path
+
+
+@pytest.fixture(scope="session")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
+    """One run of a small project that nobody disturbs, for all tests that do."""
+    from kills import Undisturbed
+
+    return Undisturbed(tmp_path_factory.mktemp("small") / "project")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.errors import StageError
-from pipeline.stores.whole import path_written_whole
+from pipeline.stores.whole import path_written_whole, require_space
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _UNREACHABLE = "http://127.0.0.1:9"
+SPACE = 40_000_000  # bytes that must be free for a recording, which stays under half of that
 
 
 def write_inspection(path: Path, inspection: Inspection) -> None:
@@ -78,8 +79,11 @@ def written_recording(path: Path, name: str, layout: Blueprint, *others: Any) ->
     """
     import rerun as rr
 
-    with path_written_whole(path) as partial, recorded_to(name, layout, rr.FileSink(partial), *others) as recording:
-        yield recording
+    with path_written_whole(path) as partial:
+        partial.touch()
+        require_space(partial, SPACE)  # Rerun waits for ever when the disk is full
+        with recorded_to(name, layout, rr.FileSink(partial), *others) as recording:
+            yield recording
 
 
 @contextmanager

@@ -130,6 +130,16 @@ def _lock(lock: IO[bytes], what: str) -> None:
     )
 
 
+def require_space(path: Path, size: int) -> None:
+    """Refuse to write `path` where `size` bytes do not fit; for libraries that do not notice a full disk.
+
+    Raises:
+        StageError: there is less space.
+    """
+    if shutil.disk_usage(path.parent).free < size:
+        raise cannot_write(path, OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+
+
 def cannot_write(path: Path, error: OSError) -> StageError:
     """What to say of an error of the system while writing `path`."""
     remedy = _REMEDIES.get(error.errno or 0, "mend that and run it again")
