@@ -18,6 +18,9 @@ Made from `requirements.lock` by `python docs/make_licences.py`; run it in the p
 Every package is pinned to one version by the hashes of its files. *Direct* are those that the project's own code uses, with
 what for; the others come with them. A package that only another system needs is not installed here, and so says nothing.
 
+pingouin is under the GPL 3: the project's own code stays under the MIT licence and may be used without it, but a copy that
+brings pingouin along (an image, a bundled environment) is to be passed on under the terms of the GPL.
+
 """
 USED_FOR = {
     "numpy": "arrays", "scipy": "special functions, k-d tree, optimisation", "finufft": "density of large sets",
