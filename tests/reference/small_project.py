@@ -61,7 +61,7 @@ def run(root: Path, *command: str, check: bool = True, **changes: str) -> subpro
     """Run a command of the environment (dvc, lessbench) in the project; its output is kept."""
     done = subprocess.run(
         [str(Path(sys.executable).parent / command[0]), *command[1:]],
-        cwd=root, env=environment(root) | changes, capture_output=True, text=True, timeout=280,
+        cwd=root, env=environment(root) | changes, capture_output=True, text=True, timeout=800,
     )  # fmt: skip
     assert not check or done.returncode == 0, done.stdout + done.stderr
     return done
