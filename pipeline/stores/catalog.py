@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from pipeline.errors import QueryError
+from pipeline.stores import asking
 from pipeline.stores.catalog_views import FILES, INPUTS, PROVENANCE_TABLES, VIEWS, View
 from pipeline.stores.whole import cannot_write, path_written_whole
 from schemas import Column, TableSchema, schema
@@ -19,17 +19,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TIME_LIMIT_S = 60.0
-MEMORY_LIMIT = "2GB"
 TASK = "name of the task"
-LOCKED: dict[str, str | int | float | list[str]] = {
-    "enable_external_access": False,
-    "lock_configuration": True,
-    "temp_directory": "",
-    "memory_limit": MEMORY_LIMIT,
-    "autoinstall_known_extensions": False,
-    "autoload_known_extensions": False,
-}
-
 CONTENTS = """select table_name as name, 'table' as kind, comment as "what it holds" from duckdb_tables()
     union all select view_name, 'view', comment from duckdb_views() where not internal order by kind desc, name"""
 EXAMPLES = {
@@ -101,30 +91,15 @@ def _fill(
 def ask(path: Path, sql: str, time_limit_s: float = TIME_LIMIT_S) -> pl.DataFrame:
     """Answer an SQL question from the catalog, which cannot be changed by it.
 
-    The connection is read-only, and reaches no file, network, extension or setting whatever the question says.
+    The connection is read-only, and reaches no file, network, extension or setting whatever the question says; its time
+    and memory are those of a process that can be ended.
 
     Raises:
-        QueryError: there is no catalog, the question is wrong or refused, or it took too long.
+        QueryError: there is no catalog, the question is wrong or refused, or it took too long or too much memory.
     """
-    import duckdb
-
     if not path.is_file():
         raise QueryError(f"{path}: there is no catalog yet; make it with `dvc repro`")
-    try:
-        with duckdb.connect(path, read_only=True, config=LOCKED) as con:
-            timer = threading.Timer(time_limit_s, con.interrupt)
-            timer.start()
-            try:
-                answer = con.sql(sql)
-                if answer is None:
-                    raise QueryError("the question has no answer; write a select, for example `from best_hypothesis`")
-                return _frame(answer.to_arrow_table())
-            finally:
-                timer.cancel()
-    except duckdb.InterruptException:
-        raise QueryError(f"the question took more than {time_limit_s:g} s and was stopped; ask for less") from None
-    except duckdb.Error as error:
-        raise QueryError(" ".join(str(error).split("\n\n")[0].split())) from None
+    return _frame(asking.answer(path, sql, time_limit_s))
 
 
 def _frame(answer: pa.Table) -> pl.DataFrame:
@@ -138,7 +113,12 @@ def _frame(answer: pa.Table) -> pl.DataFrame:
         while unique in names:
             unique, count = f"{name}_{count}", count + 1
         names.append(unique)
-    return cast("pl.DataFrame", pl.from_arrow(answer.rename_columns(names)))
+    try:
+        return cast("pl.DataFrame", pl.from_arrow(answer.rename_columns(names)))
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, NotImplementedError, ValueError) as error:
+        raise QueryError(
+            f"the answer holds what cannot be shown ({' '.join(str(error).split())[:200]}); cast it, for example `column::varchar`"
+        ) from None
 
 
 def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Sequence[tuple[str | None, Path]]) -> int:
