@@ -22,8 +22,10 @@ def recover(project: Project) -> list[str]:
     Raises:
         StageError: DVC is at work.
     """
+    if not (project.root / ".dvc").is_dir():
+        return []
     temporary = project.root / ".dvc" / "tmp"
-    temporary.mkdir(parents=True, exist_ok=True)
+    temporary.mkdir(exist_ok=True)
     with (temporary / "lock").open("a+") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # DVC holds it whenever it writes these files

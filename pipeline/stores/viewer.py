@@ -81,7 +81,7 @@ def written_recording(path: Path, name: str, layout: Blueprint, *others: Any) ->
 
     with path_written_whole(path) as partial:
         partial.touch()
-        require_space(partial, SPACE)  # Rerun waits for ever when the disk is full
+        require_space(path, SPACE)  # Rerun waits for ever when the disk is full
         with recorded_to(name, layout, rr.FileSink(partial), *others) as recording:
             yield recording
 

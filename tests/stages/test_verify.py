@@ -9,13 +9,13 @@ from typing import Any
 import polars as pl
 import pytest
 
+import schemas
 from pipeline.stages import density, featurize, human_choice, infer, ingest, sample
 from pipeline.stages.project import Project
-from pipeline.stages.verify import verify
+from pipeline.stages.verify import MADE_BY, MADE_FOR_STUDIES, verify
 from pipeline.stores.tables import read_provenance, read_table, write_table
 
 Make = Callable[[dict[str, Any]], Project]
-ALL = 10_000
 
 
 @pytest.fixture
@@ -34,6 +34,11 @@ def tamper(project: Project, name: str, change: Callable[[pl.DataFrame], pl.Data
     """Change rows of a table and keep what it says of itself."""
     path = project.table("sweep", name)
     write_table(path, name, change(read_table(path, name)), read_provenance(path))
+
+
+def test_every_table_is_looked_at() -> None:
+    looked_at = [table for stages in (MADE_BY, MADE_FOR_STUDIES) for tables in stages.values() for table in tables]
+    assert sorted(looked_at) == sorted(schemas.names())
 
 
 def test_nothing_has_drifted(made: Project) -> None:
