@@ -37,7 +37,7 @@ PICTURES = {
 
 
 VIEWS = {  # and the second of the replay, where it is not the one that it opens with
-    "table.png": ("table/inspect.rrd", 44.0),
+    "table.png": ("table/inspect.rrd", 47.0),
     "studies.png": ("studies/inspect.rrd", None),
     "watch.png": ("table/watch/inspect.rrd", None),
 }

@@ -206,6 +206,10 @@ def inspect(
     if live:
         from pipeline.stages.live import Live, run_and_serve
 
+        if task == "studies":
+            return run_and_serve(
+                _project(), task, Live(bind, port, stay), lambda project, _: studies_inspect.run(project)
+            )
         return run_and_serve(_project(), task, Live(bind, port, stay), inspect.run)
     return studies_inspect.run(_project()) if task == "studies" else inspect.run(_project(), task)
 

@@ -8,11 +8,16 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 from pipeline.stages.inspect import inspection
-from pipeline.stages.project import Project
+from pipeline.stages.project import STUDIES, Project
 from pipeline.stages.scenes import load_task_scene
-from pipeline.stores.viewer_live import LOOPBACK, PORT, Address, claim, open_beside, served_inspection
+from pipeline.stages.studies_inspect import study_tables
+from pipeline.stores.blueprint import layout
+from pipeline.stores.studies_viewer import log_studies, studies_layout
+from pipeline.stores.viewer import log_inspection
+from pipeline.stores.viewer_live import LOOPBACK, PORT, Address, claim, open_beside, served
 
 
 @dataclass(frozen=True)
@@ -52,12 +57,13 @@ def claimed(live: Live) -> Address:
 
 
 def run_and_serve(project: Project, name: str, live: Live, *stages: Callable[[Project, str], None]) -> None:
-    """Run stages of the task `name`, then serve its recording.
+    """Run stages of a task, or of the studies, then serve the recording.
 
     Raises:
         StageError: the address cannot be had; nothing is run then.
     """
-    project.params.task(name)
+    if name != STUDIES:
+        project.params.task(name)
     address = claimed(live)
     for stage in stages:
         stage(project, name)
@@ -65,14 +71,22 @@ def run_and_serve(project: Project, name: str, live: Live, *stages: Callable[[Pr
 
 
 def serve(project: Project, name: str, address: Address, *, stay: bool) -> None:
-    """Serve the recording of the task `name` from its tables.
+    """Serve the recording of a task, or of the studies, from its tables.
 
     Raises:
         StageError: the address cannot be served.
         TableError: a table is missing or not what it should be.
     """
-    shown = inspection(project, name, project.params.task(name), load_task_scene(project, project.params.task(name)))
-    with interrupted() as stop, served_inspection(shown, address):
+    if name == STUDIES:
+        tables = study_tables(project)
+        views, log = studies_layout(tables), partial(log_studies, tables=tables)
+    else:
+        task = project.params.task(name)
+        shown = inspection(project, name, task, load_task_scene(project, task))
+        views, log = layout(shown), partial(log_inspection, inspection=shown)
+    with interrupted() as stop, served(name, views, address) as recording:
+        log(recording)
+        recording.flush(timeout_sec=30)
         announce(address, f"the recording of {name}", stay=stay)
         if stay:
             stop.wait()

@@ -12,22 +12,30 @@ from pipeline.studies.findings import findings
 
 def run(project: Project) -> None:
     """Write inspect.rrd of the studies."""
-    grid = project.params.studies.grid_world
     with recorded_run(project, "inspect", STUDIES) as record:
         path = project.datasets / STUDIES / "inspect.rrd"
-        tables = StudyTables(
-            predictions=_table(project, "human_choice_predictions"),
-            summary=_table(project, "grid_world_summary"),
-            paths=_table(project, "grid_world_paths"),
-            posteriors=_table(project, "grid_world_posteriors"),
-            density_1d=_table(project, "grid_world_density_1d"),
-            density_2d=_table(project, "grid_world_density_2d"),
-            objects=grid.objects,
-            size=grid.size,
-            text=_text(project),
-        )
-        write_studies(path, tables)
+        write_studies(path, study_tables(project))
         record.produced = f"{path.stat().st_size / 1e6:.1f} MB"
+
+
+def study_tables(project: Project) -> StudyTables:
+    """What the recording of the studies shows, from their tables.
+
+    Raises:
+        TableError: a table is missing or not what it should be.
+    """
+    grid = project.params.studies.grid_world
+    return StudyTables(
+        predictions=_table(project, "human_choice_predictions"),
+        summary=_table(project, "grid_world_summary"),
+        paths=_table(project, "grid_world_paths"),
+        posteriors=_table(project, "grid_world_posteriors"),
+        density_1d=_table(project, "grid_world_density_1d"),
+        density_2d=_table(project, "grid_world_density_2d"),
+        objects=grid.objects,
+        size=grid.size,
+        text=_text(project),
+    )
 
 
 def _table(project: Project, name: str) -> pl.DataFrame:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _SHORT_REPLAY_S = 60.0
-_DISTANCE = 0.82
+_DISTANCE, _LOWER = 0.86, 0.05
 
 
 def layout(inspection: Inspection) -> rrb.Blueprint:
@@ -105,7 +105,11 @@ def camera(seen: Floats, base: Floats, viewpoint: Floats | None) -> tuple[Floats
     low, high = seen.min(axis=0), seen.max(axis=0)
     target = (low + high) / 2
     direction = _beyond(target - base) if viewpoint is None else viewpoint - target
-    away = _DISTANCE * np.linalg.norm(high - low)
+    diagonal = np.linalg.norm(high - low)
+    away = _DISTANCE * diagonal
+    target = target - np.array(
+        [0.0, 0.0, _LOWER * diagonal]
+    )  # what stands on the table is worth more than the air above
     return target + away * direction / np.linalg.norm(direction), target
 
 

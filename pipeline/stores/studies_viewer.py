@@ -67,23 +67,32 @@ class StudyTables:
 
 def write_studies(path: Path, tables: StudyTables) -> None:
     """Write the recording with its layout inside, whole or not at all."""
-    curves = [_curve(tables, feature) for feature in (1, 2)]
-    density = _map(tables)
-    with written_recording(path, "studies", _layout(tables, curves, density)) as recording:
-        _log_choices(recording, tables.predictions)
-        for people in PEOPLE:
-            _log_true_posterior(recording, tables.summary, people)
-        for name in SET_NAMES:
-            _log_grid(recording, tables, name)
-            _log_set_posterior(recording, tables.posteriors, name)
-        for feature, curve in enumerate(curves, 1):
-            log_curve(recording, curve, _of_sets(tables.paths, f"phi_{feature}"))
-        log_map(recording, density, _of_sets(tables.paths, "phi_1", "phi_2"))
-        text = rr.TextDocument(drawable(tables.text), media_type=rr.MediaType.MARKDOWN)
-        recording.log("summary", text, static=True)
+    with written_recording(path, "studies", studies_layout(tables)) as recording:
+        log_studies(recording, tables)
 
 
-def _layout(tables: StudyTables, curves: Sequence[DensityCurve], density: DensityMap) -> rrb.Blueprint:
+def log_studies(recording: rr.RecordingStream, tables: StudyTables) -> None:
+    """Log all of the studies but their layout."""
+    _log_choices(recording, tables.predictions)
+    for people in PEOPLE:
+        _log_true_posterior(recording, tables.summary, people)
+    for name in SET_NAMES:
+        _log_grid(recording, tables, name)
+        _log_set_posterior(recording, tables.posteriors, name)
+    for feature, curve in enumerate(_curves(tables), 1):
+        log_curve(recording, curve, _of_sets(tables.paths, f"phi_{feature}"))
+    log_map(recording, _map(tables), _of_sets(tables.paths, "phi_1", "phi_2"))
+    text = rr.TextDocument(drawable(tables.text), media_type=rr.MediaType.MARKDOWN)
+    recording.log("summary", text, static=True)
+
+
+def _curves(tables: StudyTables) -> list[DensityCurve]:
+    return [_curve(tables, feature) for feature in (1, 2)]
+
+
+def studies_layout(tables: StudyTables) -> rrb.Blueprint:
+    """The views of the studies."""
+    curves, density = _curves(tables), _map(tables)
     inference = [
         page_view(f"true_posterior/{people}", name, _posterior_chart(tables.summary, people).bounds(len(THETAS) + 1))
         for people, name in PEOPLE.items()

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pipeline.errors import StageError
-from pipeline.stores.viewer import has_display, log_inspection, quiet_environment, recorded_to, viewer_command
+from pipeline.stores.viewer import has_display, quiet_environment, recorded_to, viewer_command
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
-
-    from pipeline.stores.viewer_data import Inspection
+    from rerun.blueprint import Blueprint
 
 LOOPBACK, PORT = "127.0.0.1", 9876
 # of what was sent, for viewers that come later; a recording is below 20 MB
@@ -105,18 +104,19 @@ def require_listening(address: Address) -> None:
 
 
 @contextmanager
-def served_inspection(inspection: Inspection, address: Address) -> Iterator[RecordingStream]:
-    """Serve an inspection, all of it at once, until the block is left.
+def served(name: str, layout: Blueprint, address: Address) -> Iterator[RecordingStream]:
+    """A recording that is served until the block is left.
+
+    Args:
+        name: of the recording.
+        layout: what opens with it.
+        address: where.
 
     Raises:
         StageError: the address cannot be served.
     """
-    from pipeline.stores.blueprint import layout
-
-    with recorded_to(inspection.task, layout(inspection), server(address)) as recording:
+    with recorded_to(name, layout, server(address)) as recording:
         require_listening(address)
-        log_inspection(recording, inspection)
-        recording.flush(timeout_sec=30)
         yield recording
 
 

@@ -23,7 +23,7 @@ _ENDLESS_M = 2.0
 # a black arm would be a hole in a dark room
 _DARKEST = 0.3
 _PLANE_HALF_THICKNESS_M = 0.0005
-_THIN, _MEDIUM, _THICK, _DOT = (rr.Radius.ui_points(points) for points in (0.6, 1.8, 2.6, 4.0))
+_THIN, _MEDIUM, _THICK, _DOT = (rr.Radius.ui_points(points) for points in (0.45, 1.8, 2.6, 4.0))
 
 
 def log_scene(recording: rr.RecordingStream, inspection: Inspection) -> None:

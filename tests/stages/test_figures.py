@@ -22,10 +22,12 @@ from pipeline.stages import (
     human_choice,
     infer,
     ingest,
+    live,
     sample,
     studies_inspect,
 )
 from pipeline.stages.project import STUDIES, Project, recorded_runs
+from pipeline.stores.viewer_live import claim
 
 ROOT = Path(__file__).resolve().parents[2]
 Make = Callable[[dict[str, Any]], Project]
@@ -109,7 +111,9 @@ def test_without_its_tables_nothing_is_drawn(make_project: Make, parameters: dic
     assert not (project.datasets / STUDIES / "figures").exists()
 
 
-def test_the_studies_recording(studied: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_studies_recording(
+    studied: Project, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("RERUN_STRICT", "1")
     studies_inspect.run(studied)
     path = studied.datasets / STUDIES / "inspect.rrd"
@@ -120,6 +124,8 @@ def test_the_studies_recording(studied: Project, monkeypatch: pytest.MonkeyPatch
     expected |= {f"/sets/{name}/grid/demonstrations" for name in ("Xi_L", "Xi_B")}
     expected |= {f"/sets/{name}/posterior/boltzmann/bars" for name in ("Xi_L", "Xi_B")}
     assert expected <= {entity.replace("\\", "") for entity in entities}, entities
+    live.serve(studied, STUDIES, address := claim(port=0), stay=False)
+    assert f"serving the recording of studies at {address.uri}\n" in capsys.readouterr().out
     with pictures().headless_viewer(path) as viewer:
         time.sleep(1.0)
         state = viewer.get_state()
