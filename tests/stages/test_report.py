@@ -51,14 +51,13 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
     report.run(reported)
     assert path.read_bytes() == before
 
-    # a recording that no posterior knows yet
-    shutil.copy(reported.root / "mine" / "demo-0.mcap", reported.root / "mine" / "demo-9.mcap")
+    # a recording that changed after the posterior was inferred
+    shutil.copy(reported.root / "mine" / "demo-0.mcap", reported.root / "mine" / "demo-2.mcap")
     ingest.run(reported, "sweep")
     catalog.run(reported)
     report.run(reported)
     page = (reported.datasets / "report.html").read_text()
     assert "tables are out of date" in page
-    assert "Task sweep: 1 of 5 recordings were rejected" in page
 
 
 def test_without_a_catalog_there_is_a_sentence(make_project: Make, parameters: dict[str, Any]) -> None:
