@@ -29,7 +29,6 @@ from pipeline.stages import (
 from pipeline.stages.project import STUDIES, Project, recorded_runs
 from pipeline.stores.viewer_live import claim
 
-ROOT = Path(__file__).resolve().parents[2]
 Make = Callable[[dict[str, Any]], Project]
 STUDY_FIGURES = [
     "grid_world_density",
