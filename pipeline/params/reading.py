@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pipeline.errors import ParameterError, one_of
 from pipeline.params.sections import FILE, Params, ShiftedSampler, Task
 
+LARGEST_BYTES, MOST_VALUES = 1_000_000, 100_000
 _KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 
 
@@ -68,11 +69,39 @@ def _read_yaml(path: Path) -> object:
     from ruamel.yaml.error import YAMLError
 
     try:
-        return YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST_BYTES + 1)
+        if len(content) > LARGEST_BYTES:
+            raise ParameterError(f"{path}: is larger than {LARGEST_BYTES:,} bytes; parameters take far less")
+        document: object = YAML(typ="safe", pure=True).load(content.decode("utf-8"))
+        if _beyond(document, MOST_VALUES):
+            raise ParameterError(
+                f"{path}: holds more than {MOST_VALUES:,} values once its aliases are written out, or an alias of itself"
+            )
+        return document
     except FileNotFoundError:
         raise ParameterError(f"{path}: there is no such file; run this in a folder that has a {FILE}") from None
-    except (YAMLError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise ParameterError(f"{path}: is nested too deeply for parameters") from None
+    except (YAMLError, ValueError, OverflowError) as error:
         raise ParameterError(f"{path}: is not readable YAML ({' '.join(str(error).split())})") from None
+
+
+def _beyond(document: object, most: int) -> bool:
+    """Whether a document has more values than that, each counted as often as an alias repeats it."""
+    left, waiting = most, [document]
+    while waiting:
+        left -= 1
+        if left < 0:
+            return True
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting.extend(value.values())
+        elif isinstance(value, list):
+            waiting.extend(value)
+        if len(waiting) > most:
+            return True
+    return False
 
 
 def _sentence(error: ValidationError) -> str:
@@ -101,12 +130,18 @@ def _location(loc: tuple[int | str, ...]) -> list[int | str]:
     return [part for part in loc if isinstance(part, int) or (_KEY.fullmatch(part) and part not in names)]
 
 
+def _fields(model: Any) -> dict[str, Any]:
+    """The fields of a section by the names that params.yaml has for them."""
+    fields = getattr(model, "model_fields", {})
+    return {field.alias or name: field for name, field in fields.items()}
+
+
 def _nearest(location: list[Any]) -> str:
     model: Any = Params
     for part in location[:-1]:
-        field = model.model_fields.get(part) if hasattr(model, "model_fields") else None
+        field = _fields(model).get(str(part))
         if field is not None:
             model = {"tasks": Task, "samplers": ShiftedSampler}.get(part, field.annotation)
-    names = list(model.model_fields)
+    names = list(_fields(model))
     close = difflib.get_close_matches(str(location[-1]), names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"allowed are {one_of(names)}"

@@ -12,11 +12,13 @@ from pipeline.errors import ParameterError, one_of
 from schemas import schema
 
 FILE = "params.yaml"
+RESERVED = ("robots", "scenes", "studies")  # folders of datasets/ that belong to no task
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Share = Annotated[float, Field(ge=0, le=1)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
+Share = Annotated[float, Field(strict=True, ge=0, le=1)]
+Cell = Annotated[int, Field(strict=True, ge=0, le=10)]
+Finite = Annotated[float, Field(strict=True, ge=-1e9, le=1e9, allow_inf_nan=False)]
 
 
 def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
@@ -76,8 +78,8 @@ class Task(_Section):
 class Simulate(_Section):
     """The simulated participants."""
 
-    participants: Annotated[int, Field(ge=1, le=10_000)]
-    spread_rad: Annotated[float, Field(ge=0, le=1)]
+    participants: Annotated[int, Field(strict=True, ge=1, le=10_000)]
+    spread_rad: Annotated[float, Field(strict=True, ge=0, le=1)]
     skill: tuple[Share, Share]
     topic: str
     extra_joints: tuple[str, ...]
@@ -87,7 +89,7 @@ class Simulate(_Section):
 class Ingest(_Section):
     """From recordings to demonstrations."""
 
-    waypoints: Annotated[int, Field(ge=3, le=10_000)]
+    waypoints: Annotated[int, Field(strict=True, ge=3, le=10_000)]
     idle_rad: Positive
     on_rejected: Literal["stop", "continue"]
     salvage: StrictBool = False
@@ -97,7 +99,7 @@ class Deformation(_Section):
     """See `pipeline.trajectories.samplers.Deformation`."""
 
     width_rad: Positive
-    modes: Annotated[int, Field(ge=1, le=1000)]
+    modes: Annotated[int, Field(strict=True, ge=1, le=1000)]
 
 
 class ViaPoint(_Section):
@@ -109,16 +111,16 @@ class ViaPoint(_Section):
 class Planner(_Section):
     """See `pipeline.trajectories.samplers.Planner`."""
 
-    paths: Annotated[int, Field(ge=1, le=10_000)]
+    paths: Annotated[int, Field(strict=True, ge=1, le=10_000)]
     width_rad: Positive
 
 
 class Sample(_Section):
     """Which sets of alternatives are drawn, and how."""
 
-    sizes: Annotated[tuple[Annotated[int, Field(ge=2)], ...], Field()]
-    sets: Annotated[int, Field(ge=0, le=1000)]
-    working_set: Annotated[int, Field(ge=2)]
+    sizes: Annotated[tuple[Annotated[int, Field(strict=True, ge=2)], ...], Field()]
+    sets: Annotated[int, Field(strict=True, ge=0, le=1000)]
+    working_set: Annotated[int, Field(strict=True, ge=2)]
     sampler: Literal["deformation", "via-point", "planner", "mixture", "given"]
     given: str | None
     deformation: Deformation
@@ -143,7 +145,7 @@ class Sample(_Section):
 class Compute(_Section):
     """How large sets of alternatives are computed, and where; `scheduler` changes no result."""
 
-    partition: Annotated[int, Field(ge=2, le=1_000_000)]
+    partition: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
     scheduler: Annotated[str, Field(pattern=r"^(tcp|tls)://[^/\s]+:\d+$")] | None
 
 
@@ -178,7 +180,7 @@ class ShiftedSampler(_Section):
     kind: Literal["deformation", "via-point", "planner", "mixture"]
     width_rad: Positive | None = None
     reach_rad: Positive | None = None
-    paths: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    paths: Annotated[int, Field(strict=True, ge=1, le=10_000)] | None = None
     of: Annotated[tuple[str, ...], Field(min_length=2)] | None = None
 
     @model_validator(mode="after")
@@ -193,9 +195,9 @@ class ShiftedSampler(_Section):
 class Duplicates(_Section):
     """Near-copies that are slipped into sets of alternatives."""
 
-    set_size: Annotated[int, Field(ge=2)]
-    copied: Annotated[int, Field(ge=1)]
-    copies: Annotated[tuple[Annotated[int, Field(ge=1, le=10_000)], ...], Field(min_length=1)]
+    set_size: Annotated[int, Field(strict=True, ge=2)]
+    copied: Annotated[int, Field(strict=True, ge=1)]
+    copies: Annotated[tuple[Annotated[int, Field(strict=True, ge=1, le=10_000)], ...], Field(min_length=1)]
     spreads: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
 
 
@@ -235,18 +237,18 @@ class HumanChoice(_Section):
 
     choices: str
     options: Annotated[dict[str, tuple[str, ...]], AfterValidator(_frozen)] | None
-    alpha: Annotated[float, Field(gt=0, lt=0.5)]
-    compare_with_paper: bool
+    alpha: Annotated[float, Field(strict=True, gt=0, lt=0.5)]
+    compare_with_paper: StrictBool
 
 
 class GridWorld(_Section):
     """See `pipeline.studies.grid_world_trials.GridWorldSettings`."""
 
-    size: Annotated[int, Field(ge=3, le=11)]
-    objects: tuple[tuple[int, int], tuple[int, int]]
+    size: Annotated[int, Field(strict=True, ge=3, le=11)]
+    objects: tuple[tuple[Cell, Cell], tuple[Cell, Cell]]
     beta: Positive
-    demonstrations: Annotated[int, Field(ge=1)]
-    seeds: Annotated[int, Field(ge=2)]
+    demonstrations: Annotated[int, Field(strict=True, ge=1)]
+    seeds: Annotated[int, Field(strict=True, ge=2)]
 
 
 class Studies(_Section):
@@ -259,7 +261,7 @@ class Studies(_Section):
 class Params(_Section):
     """The whole of params.yaml."""
 
-    seed: Annotated[int, Field(ge=0)]
+    seed: Annotated[int, Field(strict=True, ge=0)]
     tasks: Annotated[dict[Name, Task], Field(min_length=1), AfterValidator(_frozen)]
     simulate: Simulate
     ingest: Ingest
@@ -273,6 +275,11 @@ class Params(_Section):
 
     @model_validator(mode="after")
     def _across_sections(self) -> Params:
+        for name in self.tasks:
+            if name in RESERVED:
+                raise ValueError(
+                    f"tasks.{name}: a task cannot be called {name!r}, as datasets/{name} is something else"
+                )
         for name, weights in self.simulate.weights.items():
             if name not in self.tasks:
                 raise ValueError(f"simulate.weights names the task {name!r}; there are {one_of(self.tasks)}")

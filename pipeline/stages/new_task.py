@@ -11,10 +11,8 @@ from ruamel.yaml import YAML
 from pipeline import params
 from pipeline.errors import ParameterError
 from pipeline.replay.scene import Scene, load_scene
-from pipeline.stages.project import STUDIES, Project
+from pipeline.stages.project import Project
 from pipeline.stores.whole import written_whole
-
-RESERVED = ("robots", "scenes", STUDIES)  # folders of datasets/ that are something else
 
 
 def add_task(project: Project, name: str, scene: Path, recordings: Path, end_effector: str | None) -> str:
@@ -33,7 +31,7 @@ def add_task(project: Project, name: str, scene: Path, recordings: Path, end_eff
     """
     if name in project.params.tasks:
         raise ParameterError(f"there is a task {name!r} already in {params.FILE}; choose another name")
-    if name in RESERVED:
+    if name in params.RESERVED:
         raise ParameterError(f"a task cannot be called {name!r}, since datasets/{name} is taken; choose another name")
     if not any(recordings.glob("*.mcap")):
         raise ParameterError(f"--recordings is {recordings}: there is no .mcap file in it; name a folder that has some")
