@@ -86,7 +86,7 @@ def test_a_mistake_is_one_sentence_and_the_prompt_goes_on(catalog: Path, capsys:
         prompt(catalog, history)
     lines = capsys.readouterr().out.splitlines()
     assert sum("syntax error" in line for line in lines) == 1
-    assert sum("read-only mode" in line for line in lines) == 1
+    assert sum("would do more than ask" in line for line in lines) == 1
     assert "1 row" in lines
     assert "Questions to begin with:" in lines
     assert catalog.read_bytes() == before
