@@ -23,7 +23,10 @@ def matrix(name: str, values: ArrayLike, columns: int | None = None) -> FloatArr
     """
     array = _floats(name, values)
     if array.ndim != 2:
-        raise ArgumentError(f"{name} has shape {array.shape}; two axes are needed, one row per trajectory.")
+        raise ArgumentError(
+            f"{name} has shape {array.shape}; two axes are needed, one row per trajectory: "
+            "give a list of rows, each with one number per feature, for example [[0.2, 1.0]]."
+        )
     if array.shape[0] == 0 or array.shape[1] == 0:
         raise ArgumentError(f"{name} is empty, shape {array.shape}; at least one row and one column are needed.")
     if columns is not None and array.shape[1] != columns:
