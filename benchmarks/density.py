@@ -1,39 +1,64 @@
 """Kernel density and its bandwidth against scikit-learn and scipy: `python -m benchmarks.density [--ten-million]`.
 
-Three clustered features. Every case runs in a process of its own, one core. Peers that would run for hours are measured
-up to 40,000 rows and extrapolated by their own growth between the two largest sizes; the table says which.
+Three clustered features; every case in a process of its own. Times are wall-clock with the seconds of processor behind
+them; ratios are of processor seconds, which other work on the machine disturbs least. From 2.6e5 points on, ours takes
+two threads for some of its steps, whose seconds both count; the peers take one. Peers that would run for hours are
+measured up to 20,000 or 40,000 rows and extrapolated by their own growth between the two largest; the table says so.
+
+What was measured is kept in benchmarks/results/density.json; `--picture FILE` draws it and `--estimate` computes from it,
+and from replay.json, what a thousand million alternatives would take, both without measuring again.
+
+"Selecting among 20 bandwidths" is GridSearchCV for the peer: 20 bandwidths around the best, five folds, all rows. Ours has
+no grid: leave-one-out likelihood of about 4000 rows against all, its maximum, with its standard error.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import gaussian_kde
 from sklearn.model_selection import GridSearchCV
 from sklearn.neighbors import KernelDensity
 
-from benchmarks.measuring import Growth, Run, clustered, measured, seconds, show, timed
+from benchmarks.measuring import Growth, Run, clustered, measured, record, seconds, show
 from pipeline.choice import choose_engine, log_density, select_bandwidth
+from pipeline.choice.normaliser import partial_normaliser
+from pipeline.choice.sketch import Grid, Sketch
 
 RELATIVE = 1e-6  # tolerance given to scikit-learn
 BANDWIDTHS = 20
+SIGMA = 0.05
+RESULTS = Path(__file__).parent / "results"
+OURS, SEARCH, ITS_DENSITY, SCIPY = (
+    "ours, bandwidth and density", "scikit-learn, 20 bandwidths and density", "scikit-learn, density", "scipy, density",
+)  # fmt: skip
+
+
+def clocked(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[float, float, Any]:
+    """Seconds, processor seconds of all threads, and result of one call."""
+    wall, processor = time.perf_counter(), time.process_time()
+    result = function(*args, **options)
+    return time.perf_counter() - wall, time.process_time() - processor, result
 
 
 def density(count: int, sigma: float, engine: str = "auto") -> tuple[float, object]:
     rows = clustered(count)
-    took, values = timed(log_density, rows, sigma, engine=engine)
+    wall, processor, values = clocked(log_density, rows, sigma, engine=engine)
     chosen = choose_engine(rows, sigma).engine if engine == "auto" else engine
-    return took, (chosen, worst_error(rows, sigma, values))
+    return wall, (processor, chosen, worst_error(rows, sigma, values))
 
 
 def select_then_density(count: int) -> tuple[float, object]:
     rows = clustered(count)
-    selecting, bandwidth = timed(select_bandwidth, rows)
-    took, values = timed(log_density, rows, bandwidth.value)
-    engine = choose_engine(rows, bandwidth.value).engine
-    return selecting + took, (bandwidth, selecting, engine, worst_error(rows, bandwidth.value, values))
+    selecting, processor, bandwidth = clocked(select_bandwidth, rows)
+    wall, more, values = clocked(log_density, rows, bandwidth.value)
+    return selecting + wall, (processor + more, bandwidth, selecting, worst_error(rows, bandwidth.value, values))
 
 
 def worst_error(rows: np.ndarray, sigma: float, values: np.ndarray) -> float:
@@ -45,7 +70,7 @@ def worst_error(rows: np.ndarray, sigma: float, values: np.ndarray) -> float:
 
 def scikit_density(count: int, sigma: float) -> tuple[float, object]:
     rows = clustered(count)
-    return timed(lambda: KernelDensity(bandwidth=sigma, rtol=RELATIVE).fit(rows).score_samples(rows).sum())
+    return _peer(lambda: KernelDensity(bandwidth=sigma, rtol=RELATIVE).fit(rows).score_samples(rows).sum())
 
 
 def scikit_search(count: int, sigma: float) -> tuple[float, object]:
@@ -57,93 +82,207 @@ def scikit_search(count: int, sigma: float) -> tuple[float, object]:
         found = GridSearchCV(KernelDensity(rtol=RELATIVE), grid, cv=5).fit(rows)
         return float(found.best_estimator_.score_samples(rows).sum())
 
-    return timed(search)
+    return _peer(search)
 
 
 def scipy_density(count: int, sigma: float) -> tuple[float, object]:
     rows = clustered(count)
     # its factor multiplies the covariance of the data, so whitened rows are needed for a round kernel
     white = rows @ np.linalg.inv(np.linalg.cholesky(np.cov(rows.T))).T
-    return timed(lambda: gaussian_kde(white.T, bw_method=sigma)(white.T).sum())
+    return _peer(lambda: gaussian_kde(white.T, bw_method=sigma)(white.T).sum())
 
 
-def grown(function: object, sizes: list[int], sigma: float, wanted: int) -> tuple[float, str]:
-    """Seconds at `wanted` rows, and how they were found."""
-    runs = [measured(function, size, sigma).seconds for size in sizes]
+def _peer(function: Callable[[], Any]) -> tuple[float, object]:
+    wall, processor, _ = clocked(function)
+    return wall, (processor,)
+
+
+def transforms(count: int, sigma: float) -> tuple[float, object]:
+    """Processor seconds of a sketch and of its sums at all rows, both without the grid, and of a point of the grid."""
+    rows = clustered(count)
+    grid = Grid.covering(rows.min(axis=0), rows.max(axis=0), sigma, sigma, count)
+    _, forward, sketch = clocked(Sketch.of, rows, grid)
+    _, backward, _ = clocked(sketch.sums, rows, sigma)
+    wall, alone, _ = clocked(sketch.sums, rows[:1], sigma)
+    grids = len(grid.parts(count))
+    return wall, (forward - grids * alone, backward - grids * alone, alone / grid.oversampled(1))
+
+
+def normalised(count: int, hypotheses: int, demonstrations: int) -> tuple[float, object]:
+    """Processor seconds of one part's share of the log normalisers, with demonstrations that join the set."""
+    rows, thetas = clustered(count), np.random.default_rng(2).normal(size=(hypotheses, 3))
+    joined = np.zeros((demonstrations, count))
+    wall, processor, _ = clocked(partial_normaliser, rows, np.zeros(count), thetas, [1.0], np.zeros(3), joined)
+    return wall, (processor,)
+
+
+def keep(name: str, count: int, run: Run) -> Run:
+    """Record a measurement for the picture."""
+    record(
+        "density",
+        {
+            f"{name}, N = {count}, s": run.seconds,
+            f"{name}, N = {count}, processor s": run.result[0],
+            f"{name}, N = {count}, MB": run.memory / 1e6,
+        },
+    )
+    return run
+
+
+def grown(name: str, function: object, sizes: list[int], sigma: float, wanted: int) -> tuple[float, str]:
+    """Processor seconds at `wanted` rows, and how they were found."""
+    runs = [keep(name, size, measured(function, size, sigma)).result[0] for size in sizes]
+    if sizes[-1] == wanted:
+        return runs[-1], "measured"
     growth = Growth.fitted(sizes, runs)
     measurements = ", ".join(f"{size:,}: {seconds(run)}" for size, run in zip(sizes, runs, strict=True))
     return growth.at(wanted), f"extrapolated with N^{growth.exponent:.2f} from {measurements}"
+
+
+def both(run: Run) -> str:
+    return f"{seconds(run.seconds)} ({seconds(run.result[0])})"
 
 
 def megabytes(run: Run) -> str:
     return f"{run.memory / 1e6:,.0f} MB"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--ten-million", action="store_true", help="also 1e7 rows: some minutes, 4 GB")
-    parser.add_argument(
-        "--in-full", action="store_true", help="also scikit-learn's density at 1e5 rows, not extrapolated"
-    )
-    options = parser.parse_args()
-    columns = ("measure", "ours", "peak memory", "worst error", "peer", "ratio", "how")
-
+def measure(ten_million: bool, in_full: bool) -> None:
+    columns = ("measure", "ours (processor)", "peak memory", "worst error", "peer (processor)", "ratio", "how")
     chosen = select_bandwidth(clustered(100_000)).value
     rows = []
-    for sigma in (0.05, chosen):
-        ours = measured(density, 100_000, sigma, times=5)
-        if options.in_full:
-            peer, how = measured(scikit_density, 100_000, sigma).seconds, "measured"
-        else:
-            peer, how = grown(scikit_density, [10_000, 20_000, 40_000], sigma, 100_000)
+    for sigma in (SIGMA, chosen):
+        ours = measured(density, 100_000, sigma, times=3)
+        sizes = [10_000, 20_000, 100_000 if in_full else 40_000]
+        name = ITS_DENSITY if sigma == SIGMA else f"{ITS_DENSITY}, bandwidth selected"
+        peer, how = grown(name, scikit_density, sizes, sigma, 100_000)
         rows.append(
             (
-                f"density, N = 1e5, bandwidth {sigma:.4f} ({ours.result[0]})", seconds(ours.seconds), megabytes(ours),
-                f"{ours.result[1]:.0e}", f"scikit-learn {seconds(peer)}", f"{peer / ours.seconds:,.0f} x", how,
+                f"density, N = 1e5, bandwidth {sigma:.4f} ({ours.result[1]})", both(ours), megabytes(ours),
+                f"{ours.result[2]:.0e}", f"scikit-learn {seconds(peer)}", f"{peer / ours.result[0]:,.0f} x", how,
             )
         )  # fmt: skip
     chains = {
-        count: measured(select_then_density, count, times=times) for count, times in ((100_000, 3), (1_000_000, 1))
+        count: keep(OURS, count, measured(select_then_density, count, times=times))
+        for count, times in ((10_000, 3), (100_000, 3), (1_000_000, 1))
     }
-    if options.ten_million:
-        chains[10_000_000] = measured(select_then_density, 10_000_000)
-    peer, how = grown(scikit_search, [2_500, 5_000, 10_000], chosen, 100_000)
+    if ten_million:
+        chains[10_000_000] = keep(OURS, 10_000_000, measured(select_then_density, 10_000_000))
+    sizes = [5_000, 10_000, 20_000, *([40_000] if in_full else [])]
+    peer, how = grown(SEARCH, scikit_search, sizes, chosen, 100_000)
     for count, run in chains.items():
-        bandwidth, selecting, engine, error = run.result
+        processor, bandwidth, selecting, error = run.result
         compared = (
-            (f"scikit-learn, 20 bandwidths {seconds(peer)}", f"{peer / run.seconds:,.0f} x", how)
-            if count == 100_000
-            else ("", "", "")
+            (f"scikit-learn {seconds(peer)}", f"{peer / processor:,.0f} x", how) if count == 100_000 else ("",) * 3
         )
         rows.append(
             (
-                f"bandwidth, then density, N = {count:.0e} ({bandwidth.value:.4f} +- {bandwidth.value_error:.4f}, {engine})",
-                f"{seconds(run.seconds)} (bandwidth {seconds(selecting)})", megabytes(run), f"{error:.0e}", *compared,
+                f"bandwidth, then density, N = {count:.0e} ({bandwidth.value:.4f} +- {bandwidth.value_error or 0:.4f})",
+                f"{both(run)}, of which bandwidth {seconds(selecting)}", megabytes(run), f"{error:.0e}", *compared,
             )
         )  # fmt: skip
-    show("Spectral engine, three clustered features", columns, rows)
+    show("Three clustered features", columns, rows)
 
-    sizes = list(chains)
-    alone = [measured(density, size, 0.05, "spectral").seconds for size in sizes]
+    last = max(chains)
+    rows = []
+    for name, of in (("wall-clock", lambda run: run.seconds), ("processor", lambda run: run.result[0])):
+        times = [of(chains[count]) for count in (100_000, last)]
+        exponent = Growth.fitted([100_000, last], times).exponent
+        rows.append((f"bandwidth, then density, {name}", *map(seconds, times), f"{exponent:.2f}"))
+    show("Growth", ("measure", "1e+05", f"{last:.0e}", "exponent"), rows)
+
+    exact = measured(density, 20_000, SIGMA, "exact", times=3)
+    table = []
+    for name, function in ((SCIPY, scipy_density), (ITS_DENSITY, scikit_density)):
+        other = keep(name, 20_000, measured(function, 20_000, SIGMA, times=3))
+        ratio = other.result[0] / exact.result[0]
+        table.append((name, seconds(other.result[0]), seconds(exact.result[0]), f"{ratio:.1f} x"))
+    keep(SCIPY, 10_000, measured(scipy_density, 10_000, SIGMA))
     show(
-        "Growth",
-        ("measure", *(f"{size:.0e}" for size in sizes), "exponent from first to last"),
-        [
-            (name, *map(seconds, times), f"{Growth.fitted([sizes[0], sizes[-1]], [times[0], times[-1]]).exponent:.2f}")
-            for name, times in (
-                ("bandwidth, then density", [run.seconds for run in chains.values()]),
-                ("density, bandwidth 0.05", alone),
-            )
-        ],
+        "Exact engine, all pairs, N = 2e4, bandwidth 0.05, processor seconds",
+        ("peer", "its time", "ours", "ratio"),
+        table,
     )
 
-    exact = measured(density, 20_000, 0.05, "exact", times=3)
-    table = []
-    for name, function in (("scipy gaussian_kde", scipy_density), ("scikit-learn KernelDensity", scikit_density)):
-        other = measured(function, 20_000, 0.05, times=3)
-        table.append((name, seconds(other.seconds), seconds(exact.seconds), f"{other.seconds / exact.seconds:.1f} x"))
-    show("Exact engine, all pairs, N = 2e4, bandwidth 0.05", ("peer", "its time", "ours", "ratio"), table)
+    million = 1_000_000
+    forward, backward, point = measured(transforms, million, 0.02).result
+    parts = measured(normalised, million, 171, 20).result[0]
+    record(
+        "density",
+        {
+            "grid of a transform, ns per point": point * 1e9,
+            "sketch, us per row beside the grid": forward / million * 1e6,
+            "density at rows, us per row beside the grid": backward / million * 1e6,
+            "posterior, 20 demonstrations, ns per row and hypothesis": parts / million / 171 * 1e9,
+        },
+    )
+
+
+def estimate() -> None:
+    """What a thousand million alternatives take on a cluster, from unit costs: a table in Markdown."""
+    costs = {**_known("replay"), **_known("density")}
+    count, cores, waypoints, hypotheses = 1e9, 512, 41, 171
+    each = count / cores
+    # the selected bandwidth narrows with the seventh root, and so does the spacing of the grid
+    finer = (count / 1e6) ** (1 / 7)
+    sigma = 0.0207 / finer
+    box = np.ptp(clustered(1_000_000), axis=0)
+    grid = Grid.covering([0.0] * 3, box, sigma, sigma, count)
+    points = grid.oversampled(int(each))
+    fft = points * costs["grid of a transform, ns per point"] * 1e-9
+    draw = costs["drawing, mixture, us per trajectory"]
+    replay = costs["replay and 3 features, us per configuration, one core"]
+    sketch, back = costs["sketch, us per row beside the grid"], costs["density at rows, us per row beside the grid"]
+    posterior = costs["posterior, 20 demonstrations, ns per row and hypothesis"]
+    steps = [
+        ("sampling", f"{draw:.3g} us x {each:,.0f}", draw * each * 1e-6),
+        ("replay, features", f"{replay:.3g} us x {waypoints} x {each:,.0f}", replay * waypoints * each * 1e-6),
+        ("sketch", f"{sketch:.3g} us x {each:,.0f} + grid {fft:.3g} s", sketch * each * 1e-6 + fft),
+        (
+            "adding up 512 sketches",
+            f"9 rounds of {np.prod(grid.shape) * 16 / 1e9:.2g} GB at 1 GB/s",
+            9 * np.prod(grid.shape) * 16e-9,
+        ),
+        ("bandwidth", f"13 scored side by side, each a grid, twice: 2 x {fft:.3g} s", 2 * fft),
+        ("density at all rows", f"{back:.3g} us x {each:,.0f} + grid {fft:.3g} s", back * each * 1e-6 + fft),
+        ("posterior", f"{posterior:.3g} ns x {hypotheses} x {each:,.0f}", posterior * hypotheses * each * 1e-9),
+    ]
+    print("| step | on each core | seconds |\n|---|---|---|")
+    for step, arithmetic, took in [*steps, ("all", "", sum(took for *_, took in steps))]:
+        print(f"| {step} | {arithmetic} | {took:,.0f} |")
+    print(
+        f"\n{count:.0e} alternatives, {cores} cores, bandwidth {sigma:.4f}, grid {' x '.join(map(str, grid.shape))} of "
+        f"{points * 16 / 1e9:.1f} GB oversampled; unit costs of {costs['date']}, {costs['machine']}"
+    )
+
+
+def _known(file: str) -> dict[str, Any]:
+    return dict(json.loads((RESULTS / f"{file}.json").read_text(encoding="utf-8")))
+
+
+def draw(path: Path) -> None:
+    """Time and memory against N, measured points and the peers' own growth onwards, on logarithmic axes."""
+    from benchmarks.scale_picture import draw_scale
+
+    draw_scale(_known("density"), path, (OURS, SEARCH, ITS_DENSITY, SCIPY))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ten-million", action="store_true", help="also 1e7 rows: some minutes, 4 GB")
+    parser.add_argument(
+        "--in-full", action="store_true", help="scikit-learn's density at 1e5 rows and its search at 4e4 too"
+    )
+    parser.add_argument("--picture", type=Path, metavar="FILE", help="draw what was measured last, without measuring")
+    parser.add_argument("--estimate", action="store_true", help="what 1e9 alternatives take, without measuring")
+    options = parser.parse_args()
+    if options.picture:
+        draw(options.picture)
+    if options.estimate:
+        estimate()
+    if not (options.picture or options.estimate):
+        measure(options.ten_million, options.in_full)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -38,8 +38,16 @@ def measured(function: Callable[..., Any], *args: Any, times: int = 1) -> Run:
 
 def _repeat(function: Callable[..., Any], args: Sequence[Any], times: int) -> Run:
     runs = [function(*args) for _ in range(times)]
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
-    return Run(statistics.median(seconds for seconds, _ in runs), peak, runs[-1][1])
+    return Run(statistics.median(seconds for seconds, _ in runs), _peak_bytes(), runs[-1][1])
+
+
+def _peak_bytes() -> float:
+    """Of this process; `ru_maxrss` would begin with what its parent held when it was started."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
+    return next(float(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM"))
 
 
 def timed(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[float, Any]:
