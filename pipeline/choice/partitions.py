@@ -7,7 +7,7 @@ error bound of `sketch.py`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,9 @@ from pipeline.choice.checks import FloatArray, matrix
 from pipeline.choice.density import RELATIVE_ERROR, log_density
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.normaliser import LogSumExp, log_likelihood_joined, partial_normaliser
-from pipeline.choice.pairs import Neighbours
+from pipeline.choice.pairs import NEGLIGIBLE, Neighbours
 from pipeline.choice.sketch import DIMENSIONS, Grid, Sketch
+from pipeline.choice.slabs import MOST, Slab, cut
 from pipeline.choice.ties import distinct_rows
 from pipeline.errors import ArgumentError
 
@@ -27,21 +28,27 @@ MEMORY_BYTES = 1e9  # what the transforms of one part may use
 _JOINED = 4_000_000  # joined weights that are held at once: 32 MB
 
 
-def sketch_grid(lower: Sequence[float], upper: Sequence[float], sigma: float, total: int, rows: int) -> Grid | None:
-    """The grid for parts of up to `rows` of the `total` rows in a box, or None if no sketch will do.
+def sketch_slabs(
+    lower: Sequence[float], upper: Sequence[float], sigma: float, total: int, rows: int
+) -> tuple[Slab, ...] | None:
+    """The fewest slabs of the box for parts of up to `rows` of the `total` rows, or None if no sketch will do.
 
-    That is for more than three features, or where a part's transforms would take more than 1 GB, or all parts' together
-    more than four hours.
+    That is for more than three features, or where a part's transforms in 64 slabs would still take more than 1 GB, or all
+    parts' together more than four hours.
     """
     if len(lower) > DIMENSIONS:
         return None
-    try:
-        grid = Grid.covering(lower, upper, sigma, sigma, total)
-    except ArgumentError:
-        return None
-    seconds = 2 * engines.transform_seconds(grid, rows) * -(-total // rows)
-    fits = engines.transform_bytes(grid, rows) <= MEMORY_BYTES and seconds <= engines.LONGEST_S
-    return grid if fits else None
+    count = 1
+    while count <= MOST:
+        try:
+            slabs = cut(np.array([lower, upper], dtype=np.float64), total, sigma, count)
+        except ArgumentError:
+            return None
+        if all(engines.transform_bytes(slab.grid, rows) <= MEMORY_BYTES for slab in slabs):
+            seconds = sum(2 * engines.transform_seconds(slab.grid, rows) for slab in slabs) * -(-total // rows)
+            return slabs if seconds <= engines.LONGEST_S else None
+        count *= 2
+    return None
 
 
 def sketch_of_part(rows: ArrayLike, grid: Grid) -> Sketch:
@@ -50,16 +57,33 @@ def sketch_of_part(rows: ArrayLike, grid: Grid) -> Sketch:
     return Sketch.of(groups.rows, grid, groups.counts)
 
 
-def log_sums_of_part(rows: ArrayLike, sketch: Sketch, sigma: float) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Log kernel sums over the whole set at the rows (M, F) of a part, from the set's sketch.
+def slab_of_part(rows: ArrayLike, slab: Slab) -> Sketch:
+    """What a part adds to the sketch of a slab and its halo."""
+    features = matrix("rows", rows)
+    around = slab.around(features)
+    if not around.any():
+        return Sketch(slab.grid, np.zeros(slab.grid.shape, dtype=np.complex128), 0.0)
+    return sketch_of_part(features[around], slab.grid)
+
+
+def log_sums_of_part(
+    rows: ArrayLike, slabs: Sequence[Slab], sketches: Iterable[Sketch], sigma: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Log kernel sums over the whole set at the rows (M, F) of a part, from the sketches of the set's slabs.
 
     Returns:
-        (M,) log sums, and (M,) where the sketch's error may be more than 1e-6 of the sum, so that they do not count.
+        (M,) log sums, and (M,) where the error may be more than 1e-6 of the sum, so that they do not count.
     """
     groups = distinct_rows(matrix("rows", rows))
-    sums, error = sketch.sums(groups.rows, sigma)
+    sums, errors = np.ones(len(groups.rows)), np.zeros(len(groups.rows))
+    beyond = NEGLIGIBLE if len(slabs) > 1 else 0.0
+    for slab, sketch in zip(slabs, sketches, strict=True):
+        own = slab.own(groups.rows)
+        if own.any():
+            sums[own], error = sketch.sums(groups.rows[own], sigma)
+            errors[own] = error + beyond
     sums = np.maximum(sums, groups.counts)  # identical rows alone make so much
-    wrong = sums * RELATIVE_ERROR < error
+    wrong = sums * RELATIVE_ERROR < errors
     return np.log(sums)[groups.index], wrong[groups.index]
 
 

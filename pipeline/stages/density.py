@@ -21,15 +21,16 @@ from numpy.typing import NDArray
 from pipeline.choice import Bandwidth, choose_engine, log_density, select_bandwidth
 from pipeline.choice.bandwidth import sampled_bandwidth
 from pipeline.choice.engines import LONGEST_S, pair_seconds
-from pipeline.choice.partitions import log_sums_of_part, log_sums_over_part, sketch_grid
+from pipeline.choice.partitions import log_sums_of_part, log_sums_over_part, sketch_slabs, slab_of_part
 from pipeline.choice.scaling import Spread
-from pipeline.choice.sketch import Grid, Sketch
+from pipeline.choice.sketch import Sketch
+from pipeline.choice.slabs import Slab
 from pipeline.errors import StageError
 from pipeline.stages.folds import Workers, workers
 from pipeline.stages.parts import PARTITIONS, Piece, Scaled, SetRows, batches, contents, cut, gathered, read_pieces
 from pipeline.stages.project import SCRATCH, Project, recorded_run
 from pipeline.stages.provenance import provenance
-from pipeline.stages.streamed_set import StreamedSet, sketch_of
+from pipeline.stages.streamed_set import StreamedSet
 from pipeline.stores.references import check_references
 from pipeline.stores.tables import GROUPS, read_table, table_writer, write_table
 
@@ -45,15 +46,16 @@ class Sketched:
         features: of all sets.
         rows: of the part.
         sigma: the set's bandwidth.
-        grid, coefficients: the set's sketch; a file, as it may be large.
+        slabs, totals, files: the set's sketches and their rows; their coefficients are in files, as they may be large.
         parts: all parts of the set.
     """
 
     features: Scaled
     rows: tuple[Piece, ...]
     sigma: float
-    grid: Grid
-    coefficients: Path
+    slabs: tuple[Slab, ...]
+    totals: tuple[float, ...]
+    files: tuple[Path, ...]
     parts: tuple[tuple[Piece, ...], ...]
 
 
@@ -144,8 +146,8 @@ def _streamed(
     spread = reduce(add, pool.mapped(spread_of, [(features, rows) for rows in parts], f"{what}: bounds"))
     sigma = _bandwidth(pool, features, one, parts, spread, bandwidth, what)
     lower, upper = spread.lower.tolist(), spread.upper.tolist()
-    grid = sketch_grid(lower, upper, sigma.value, one.rows, min(one.rows, PARTITIONS * partition))
-    if grid is None:
+    slabs = sketch_slabs(lower, upper, sigma.value, one.rows, min(one.rows, PARTITIONS * partition))
+    if slabs is None:
         phi = _whole(features, one, "their features are too many, or the bandwidth too narrow, for a sketch")
         engine = choose_engine(phi, sigma.value).engine
         log_sums = log_density(phi, sigma.value, engine=engine)
@@ -156,22 +158,34 @@ def _streamed(
     scratch = project.root / SCRATCH
     scratch.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="density-", dir=scratch) as folder:
-        file = Path(folder) / "coefficients.npy"
-        sketches = pool.mapped(sketch_of, [(features, rows, grid) for rows in parts], f"{what}: sketch")
-        np.save(file, reduce(add, sketches).coefficients)
-        jobs = [Sketched(features, rows, sigma.value, grid, file, parts) for rows in parts]
+        files = tuple(Path(folder) / f"{number}.npy" for number, _ in enumerate(slabs))
+        totals = []
+        for slab, file in zip(slabs, files, strict=True):
+            sketch = reduce(add, pool.mapped(slab_of, [(features, rows, slab) for rows in parts], f"{what}: sketch"))
+            np.save(file, sketch.coefficients)
+            totals.append(sketch.total)
+        jobs = [Sketched(features, rows, sigma.value, slabs, tuple(totals), files, parts) for rows in parts]
         for part, log_sums in zip(parts, pool.mapped(log_sums_of, jobs, f"{what}: kernel sums"), strict=True):
             known = read_pieces(features.path, "features", part, [*GROUPS, "id"])
             table = _rows(known, sigma, log_sums, "spectral")
             yield from (table.slice(first, count) for first, count in cut(table.height, partition))
 
 
+def slab_of(job: tuple[Scaled, Sequence[Piece], Slab]) -> Sketch:
+    """Of some rows."""
+    features, rows, slab = job
+    return slab_of_part(features.read(rows), slab)
+
+
 def log_sums_of(part: Sketched) -> Floats:
     """(M,) log kernel sums over the whole set at the rows of a part."""
     total = sum(piece.count for rows in part.parts for piece in rows)
-    sketch = Sketch(part.grid, np.load(part.coefficients, mmap_mode="r"), float(total))
+    sketches = (
+        Sketch(slab.grid, np.load(file, mmap_mode="r"), count)
+        for slab, file, count in zip(part.slabs, part.files, part.totals, strict=True)
+    )
     phi = part.features.read(part.rows)
-    log_sums, wrong = log_sums_of_part(phi, sketch, part.sigma)
+    log_sums, wrong = log_sums_of_part(phi, part.slabs, sketches, part.sigma)
     if wrong.any():
         if pair_seconds(float(wrong.sum()) * total) > LONGEST_S:
             raise StageError(

@@ -185,6 +185,23 @@ def test_rows_that_the_sketch_does_not_resolve_are_summed_exactly(
         density.run(make_project(large), "sweep")
 
 
+def test_a_box_too_large_for_one_sketch_is_cut_into_slabs(
+    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project = drawn(make_project(large))
+    density.run(project, "sweep")
+    one = table(project, "densities")
+    slabs: list[int] = []
+    monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 2.2e5)
+    cut_box = density.sketch_slabs
+    monkeypatch.setattr(density, "sketch_slabs", lambda *box: slabs.append(len(found := cut_box(*box) or ())) or found)
+    density.run(project, "sweep")
+    several = table(project, "densities")
+    assert slabs[0] > 1
+    assert several["engine"].equals(one["engine"])
+    np.testing.assert_allclose(several["log_density"], one["log_density"], rtol=0, atol=1e-6)
+
+
 def test_a_bandwidth_too_narrow_for_a_sketch_takes_the_whole_set_up_to_a_limit(
     make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
