@@ -17,6 +17,7 @@ from pipeline.choice.logspace import log_sum_exp
 
 # A tile of 256 x 256 kernel values (0.5 MB) stays in the cache.
 _TILE = 256
+_MANY = 32  # tiles from which on two threads share the pairs
 
 # All rows that are left out add at most this much to a kernel sum, relative to the largest term of the sum.
 NEGLIGIBLE = 1e-8
@@ -32,7 +33,12 @@ _FRESH = 16  # each squaring of a kernel value doubles its relative error: start
 def log_sums_within(rows: FloatArray, counts: FloatArray, sigma: float) -> FloatArray:
     """(G,) at distinct rows (G, F) that occur `counts` times each."""
     tiles = [slice(start, start + _TILE) for start in range(0, len(rows), _TILE)]
-    return _log_sums_symmetric(rows, counts, sigma, ((tile, tiles[:index]) for index, tile in enumerate(tiles)))
+    pairs = [(tile, tiles[:index]) for index, tile in enumerate(tiles)]
+    # shares by the number of rows and not of cores, so that the bits are the same everywhere
+    shares = [pairs] if len(pairs) < _MANY else [pairs[::2], pairs[1::2]]
+    with ThreadPoolExecutor(len(shares)) as pool:
+        parts = list(pool.map(lambda share: _pair_sums(rows, counts, sigma, share), shares))
+    return _with_own(np.sum(parts, axis=0), counts)
 
 
 def log_sums_at(points: FloatArray, rows: FloatArray, counts: FloatArray, sigma: float) -> FloatArray:
@@ -60,20 +66,25 @@ def cut_off(total: float, sigma: float, negligible: float = NEGLIGIBLE) -> float
     return sigma * math.sqrt(2 * math.log(total / negligible))
 
 
-def _log_sums_symmetric(
+def _pair_sums(
     rows: FloatArray, counts: FloatArray, sigma: float, pairs: Iterable[tuple[slice, Iterable[slice]]]
 ) -> FloatArray:
-    """Each pair of tiles once, the kernel being symmetric: every tile with itself and those it is paired with."""
+    """(G,) each pair of tiles once, the kernel being symmetric: every tile with itself and those it is paired with."""
     others = np.zeros(len(rows))
     for here, partners in pairs:
         for there in partners:
-            kernel = np.exp(exponents(rows[here], rows[there], sigma))
+            kernel = exponents(rows[here], rows[there], sigma)
+            np.exp(kernel, out=kernel)
             others[here] += np.einsum("ij,j->i", kernel, counts[there])
             others[there] += np.einsum("ij,i->j", kernel, counts[here])
         kernel = np.exp(exponents(rows[here], rows[here], sigma))
         np.fill_diagonal(kernel, 0.0)
         others[here] += np.einsum("ij,j->i", kernel, counts[here])
-    # log1p keeps neighbours whose kernel is below the rounding of the row's own.
+    return others
+
+
+def _with_own(others: FloatArray, counts: FloatArray) -> FloatArray:
+    """Log sums with each row's own kernel; log1p keeps neighbours whose kernel is below the rounding of that."""
     return np.asarray(np.log(counts) + np.log1p(others / counts))
 
 
@@ -108,7 +119,8 @@ class Neighbours:
             for tile in range(len(self._lower))
         )
         log_sums = np.empty(len(self._rows))
-        log_sums[self._order] = _log_sums_symmetric(self._rows, self._counts, sigma, tiles)
+        others = _pair_sums(self._rows, self._counts, sigma, tiles)
+        log_sums[self._order] = _with_own(others, self._counts)
         return log_sums
 
     def nearest(self, points: FloatArray, others: bool = False) -> FloatArray:

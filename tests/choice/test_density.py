@@ -36,6 +36,15 @@ def test_tiles_add_up(clustered: np.ndarray, monkeypatch: pytest.MonkeyPatch) ->
     np.testing.assert_allclose(tiled[0], tiled[1], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("many", [1, 2, 1000])
+def test_threads_share_the_tiles(clustered: np.ndarray, monkeypatch: pytest.MonkeyPatch, many: int) -> None:
+    monkeypatch.setattr(pairs, "_TILE", 7)
+    monkeypatch.setattr(pairs, "_MANY", many)
+    found = log_density(clustered, 0.1, engine="exact")
+    np.testing.assert_allclose(found, slow_choice.log_density(clustered, 0.1), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(found, log_density(clustered, 0.1, engine="exact"))
+
+
 def test_the_order_of_rows_changes_no_bit(clustered: np.ndarray) -> None:
     order = np.random.default_rng(0).permutation(len(clustered))
     assert np.array_equal(log_density(clustered, 0.2)[order], log_density(clustered[order], 0.2))
