@@ -36,6 +36,7 @@ from pipeline.stores.tables import GROUPS, read_table, table_writer, write_table
 
 Floats = NDArray[np.float64]
 IN_MEMORY = 20_000_000  # rows of a set that are read at once where there is no other way
+SLABBED = 2_000_000  # rows of a set that are read at once where each part would transform every slab anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +148,7 @@ def _streamed(
     sigma = _bandwidth(pool, features, one, parts, spread, bandwidth, what)
     lower, upper = spread.lower.tolist(), spread.upper.tolist()
     slabs = sketch_slabs(lower, upper, sigma.value, one.rows, min(one.rows, PARTITIONS * partition))
-    if slabs is None:
+    if slabs is None or (len(slabs) > 1 and one.rows <= SLABBED):
         phi = _whole(features, one, "their features are too many, or the bandwidth too narrow, for a sketch")
         engine = choose_engine(phi, sigma.value).engine
         log_sums = log_density(phi, sigma.value, engine=engine)

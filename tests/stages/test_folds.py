@@ -193,6 +193,7 @@ def test_a_box_too_large_for_one_sketch_is_cut_into_slabs(
     one = table(project, "densities")
     slabs: list[int] = []
     monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 2.2e5)
+    monkeypatch.setattr(density, "SLABBED", 0)
     cut_box = density.sketch_slabs
     monkeypatch.setattr(density, "sketch_slabs", lambda *box: slabs.append(len(found := cut_box(*box) or ())) or found)
     density.run(project, "sweep")
