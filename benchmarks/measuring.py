@@ -87,7 +87,7 @@ def show(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> N
     for row in rows:
         table.add_row(*row)
     Console(width=150).print(table)
-    Console().print(f"{os.cpu_count()} cores, one used; load average {os.getloadavg()[0]:.1f}\n")
+    Console().print(f"{os.cpu_count()} cores; load average {os.getloadavg()[0]:.1f}\n")
 
 
 def record(file: str, costs: dict[str, float]) -> None:
