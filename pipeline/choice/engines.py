@@ -30,14 +30,14 @@ _COUNTED = 10_000  # rows that say how many lie where
 _FEW_PAIRS = 4_000_000  # below, all pairs take hundredths of a second
 
 # Seconds per operation, one thread.
-_PAIR = 3.5e-9
+_PAIR = 2e-9
 _TREE = 1e-6  # per row and point: building the tree, boxes
-_POINT = 1.5e-4  # per point by itself: looking for its leaves
-_KERNEL = 4e-9  # per pair of a point by itself, and ...
-_SQUARE = 4e-9  # ... for every bandwidth
-_ROW = 2e-7  # per row: sorting, phases
-_SPREAD = 4e-10  # per row and point of FINUFFT's kernel
-_FFT = 4e-8  # per point of the oversampled grid
+_POINT = 8e-5  # per point by itself: looking for its leaves
+_KERNEL = 1.1e-8  # per pair of a point by itself, and ...
+_SQUARE = 1e-9  # ... for every bandwidth
+_ROW = 6e-8  # per row: sorting, phases
+_SPREAD = 2.5e-10  # per row and point of FINUFFT's kernel
+_FFT = 2e-8  # per point of the oversampled grid
 
 
 @dataclass(frozen=True)

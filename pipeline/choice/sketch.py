@@ -24,13 +24,14 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import reduce
+from functools import lru_cache, reduce
 from operator import iadd
 from typing import TypeVar
 
 import finufft
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.fft import next_fast_len
 from scipy.special import erfc, erfcinv
 
 from pipeline.choice.checks import FloatArray, matrix, positive
@@ -46,6 +47,7 @@ _FINEST = 2e-14  # FINUFFT's tolerance in double precision ends about here
 _MANY = 2**18  # points that are worth a thread
 _SPREADING = 200  # points of kernels per point of the grid, where spreading takes thrice the time of the FFT
 _WIDEST = 16  # points of FINUFFT's widest kernel
+_FINER = 25  # hundredths by which a grid may be finer than it must
 _LARGE = 2**25  # points of an oversampled grid (0.5 GB) above which it is oversampled less than twice
 
 _FORWARD = {1: finufft.nufft1d1, 2: finufft.nufft2d1, 3: finufft.nufft3d1}
@@ -151,16 +153,9 @@ class Grid:
         return [slice(points // 2), slice(points // 2, None)]
 
     def oversampling(self, points: int) -> float:
-        """Of FINUFFT's own grid: twice, or less where its FFT costs more than the points.
-
-        A kernel of width w reaches eps = exp(-pi w sqrt(1 - 1 / u)); the widest has 16 points. A tenth more keeps the
-        error of three dimensions near eps.
-        """
+        """Of FINUFFT's own grid: twice, or less where its FFT costs more than the points."""
         double = math.prod(self.shape) * 2 ** len(self.shape)
-        if double <= min(25 * points, _LARGE):
-            return 2.0
-        least = 1 / (1 - (math.log(self.eps) / (_WIDEST * math.pi)) ** 2)
-        return max(least + 0.1, 1.25)
+        return 2.0 if double <= min(25 * points, _LARGE) else _least_oversampling(self.shape, self.eps)
 
     def width(self, points: int) -> float:
         """Of FINUFFT's kernel, in points of its own grid."""
@@ -168,7 +163,30 @@ class Grid:
 
     def oversampled(self, points: int) -> float:
         """How many points FINUFFT's own grid has."""
-        return math.prod(self.shape) * self.oversampling(points) ** len(self.shape)
+        return float(math.prod(_sizes(self.shape, self.oversampling(points))))
+
+
+@lru_cache(maxsize=1024)
+def _least_oversampling(shape: tuple[int, ...], eps: float) -> float:
+    """The least that reaches eps, or somewhat more where the FFT then takes less time.
+
+    A kernel of width w reaches eps = exp(-pi w sqrt(1 - 1 / u)); the widest has 16 points. A tenth more keeps the error of
+    three dimensions near eps. FFTW takes about twice the time, all lines of the first dimension being side by side in
+    memory, where the other sizes are multiples of 16, as the caches have powers of two (benchmarks/unit_costs.py).
+    """
+    least = max(1 / (1 - (math.log(eps) / (_WIDEST * math.pi)) ** 2) + 0.1, 1.25)
+
+    def cost(oversampling: float) -> float:
+        sizes = _sizes(shape, oversampling)
+        return math.prod(sizes) * math.prod(2.0 if size % 64 == 0 else 1.4 for size in sizes[1:] if size % 16 == 0)
+
+    return min((least + 0.01 * step for step in range(_FINER)), key=cost)
+
+
+def _sizes(shape: tuple[int, ...], oversampling: float) -> tuple[int, ...]:
+    """Of FINUFFT's own grid: even numbers without prime factors above 5."""
+    halves = (math.ceil(max(oversampling * count / 2, _WIDEST)) for count in shape)
+    return tuple(2 * int(next_fast_len(half, real=True)) for half in halves)
 
 
 def _side_by_side(function: Callable[[slice], Part], parts: list[slice]) -> list[Part]:
