@@ -16,7 +16,7 @@ NEUTRAL = {
     "pipeline/params/__init__.py",
     "pipeline/params/reading.py",
     "pipeline/params/sections.py",
-    "pipeline/stages/folds.py",
+    "pipeline/stages/cluster.py",
     "pipeline/stages/progress.py",
     "pipeline/stages/project.py",
     "pipeline/stores/parent.py",

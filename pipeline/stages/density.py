@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import groupby
-from operator import add
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +100,7 @@ def _spread(pool: Workers, path: Path, names: tuple[str, ...], sets: Sequence[Se
     pieces = sorted((piece for one in sets for piece in one.pieces), key=lambda piece: (piece.part, piece.first))
     unscaled = Scaled(path, names, np.ones(len(names)))
     jobs = [(unscaled, tuple(part)) for _, part in groupby(pieces, lambda piece: piece.part)]
-    return reduce(add, pool.mapped(spread_of, jobs, "spread of the features"))
+    return pool.merged(spread_of, jobs, Spread.__add__, "spread of the features")
 
 
 def spread_of(job: tuple[Scaled, Sequence[Piece]]) -> Spread:
@@ -144,7 +143,7 @@ def _streamed(
     """Rows of densities.parquet for a set larger than a partition, in parts of a partition."""
     partition, what = project.params.compute.partition, f"density {one.set_id}"
     parts = tuple(one.between(first, first + count) for first, count in cut(one.rows, PARTITIONS * partition))
-    spread = reduce(add, pool.mapped(spread_of, [(features, rows) for rows in parts], f"{what}: bounds"))
+    spread = pool.merged(spread_of, [(features, rows) for rows in parts], Spread.__add__, f"{what}: bounds")
     sigma = _bandwidth(pool, features, one, parts, spread, bandwidth, what)
     lower, upper = spread.lower.tolist(), spread.upper.tolist()
     slabs = sketch_slabs(lower, upper, sigma.value, one.rows, min(one.rows, PARTITIONS * partition))
@@ -162,7 +161,7 @@ def _streamed(
         files = tuple(Path(folder) / f"{number}.npy" for number, _ in enumerate(slabs))
         totals = []
         for slab, file in zip(slabs, files, strict=True):
-            sketch = reduce(add, pool.mapped(slab_of, [(features, rows, slab) for rows in parts], f"{what}: sketch"))
+            sketch = pool.merged(slab_of, [(features, rows, slab) for rows in parts], Sketch.__add__, f"{what}: sketch")
             np.save(file, sketch.coefficients)
             totals.append(sketch.total)
         jobs = [Sketched(features, rows, sigma.value, slabs, tuple(totals), files, parts) for rows in parts]

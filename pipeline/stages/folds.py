@@ -1,24 +1,21 @@
 """Folds over parts: a pure function of each part, on this machine's cores or on a cluster, its results in a fixed order.
 
 What is submitted is a function of a module and a small record: names of files, numbers of parts, parameters. Results are
-merged by the stage alone, in the order of the parts, so the number of threads, workers or failures changes no bit.
+used in the order of the parts, or merged in pairs as a tree whose shape depends on their number alone, so the number of
+threads, workers or failures changes no bit. Large results, as sketches are, meet on the workers; the last one comes here.
 """
 
 from __future__ import annotations
 
-import hashlib
+import concurrent.futures
 import os
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, partial
-from importlib.metadata import version
-from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar, cast
 
-from pipeline.errors import StageError
 from pipeline.stages.progress import tracked
 from pipeline.stages.project import Project
 
@@ -27,16 +24,16 @@ Result = TypeVar("Result")
 Item = TypeVar("Item")
 
 SCHEDULER = "LESSBENCH_SCHEDULER"  # the environment variable that names a scheduler before params.yaml does
-RETRIES = 3  # of a part that fails, and workers that may be lost with it
-_PATIENCE_S = 15  # for a scheduler to answer
-_STARTING_S = 300  # for a first worker to come, a batch system's queue permitting
 
 
 class Future(Protocol):
-    """What `concurrent.futures` and `distributed` have in common."""
+    """A result that is under way, wherever it will be."""
+
+    def wait(self) -> None:
+        """Until it is there, or its failure is raised."""
 
     def result(self) -> Any:
-        """Wait for the result."""
+        """Wait for it and bring it here."""
 
     def cancel(self) -> Any:
         """Do not begin."""
@@ -49,10 +46,12 @@ class Workers:
     Attributes:
         count: parts that can be computed at once.
         submit: begins a call of a function with one job.
+        join: begins to merge two results where they are.
     """
 
     count: int
     submit: Callable[[Callable[[Any], Any], Any], Future]
+    join: Callable[[Callable[[Any, Any], Any], Any, Any], Future]
 
     def mapped(self, function: Callable[[Job], Result], jobs: Sequence[Job], what: str) -> Iterator[Result]:
         """The function's result for each job, in the order of the jobs; a few are under way, the others wait.
@@ -66,12 +65,47 @@ class Workers:
             StageError: the cluster is lost.
             WorkbenchError: what the function raises.
         """
+        for found in self._in_order(function, jobs, what):
+            yield found.result()
+
+    def merged(
+        self,
+        function: Callable[[Job], Result],
+        jobs: Sequence[Job],
+        merge: Callable[[Result, Result], Result],
+        what: str,
+    ) -> Result:
+        """The function's results for all jobs, merged in pairs of neighbours, then pairs of pairs, and so on.
+
+        Besides those under way, there is at most one result for each power of two up to the number of jobs.
+
+        Args:
+            function, jobs, what: as in `mapped`; there is at least one job.
+            merge: two results that follow each other; a function of a module.
+
+        Raises:
+            StageError: the cluster is lost.
+            WorkbenchError: what a function raises.
+        """
+        trees: list[tuple[int, Future]] = []  # each of 2^height results, the heights descending
+        for found in self._in_order(function, jobs, what):
+            found.wait()
+            height = 0
+            while trees and trees[-1][0] == height:
+                found, height = self.join(merge, trees.pop()[1], found), height + 1
+            trees.append((height, found))
+        last = trees.pop()[1]
+        while trees:
+            last = self.join(merge, trees.pop()[1], last)
+        return cast(Result, last.result())
+
+    def _in_order(self, function: Callable[[Job], Result], jobs: Sequence[Job], what: str) -> Iterator[Future]:
         waiting, started = iter(jobs), deque[Future]()
         try:
             for _ in tracked(jobs, what):
                 for job in _up_to(self.count + 1 - len(started), waiting):
                     started.append(self.submit(function, job))
-                yield started.popleft().result()
+                yield started.popleft()
         finally:
             for future in started:
                 future.cancel()
@@ -86,108 +120,46 @@ def workers(project: Project) -> Iterator[Workers]:
     """
     scheduler = os.environ.get(SCHEDULER) or project.params.compute.scheduler
     if scheduler is not None:
-        with _cluster(scheduler) as cluster:
-            yield cluster
+        from pipeline.stages.cluster import connected
+
+        with connected(scheduler) as (count, submit, join):
+            yield Workers(count, submit, join)
         return
     count = os.cpu_count() or 1
     pool = ThreadPoolExecutor(count)
     try:
-        yield Workers(count, lambda function, job: pool.submit(function, job))
+        yield Workers(
+            count,
+            lambda function, job: Local(pool.submit(function, job)),
+            lambda merge, one, other: Local(_done(merge(one.result(), other.result()))),
+        )
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-@contextmanager
-def _cluster(scheduler: str) -> Iterator[Workers]:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise StageError(
-            f"the scheduler {scheduler} is named and the package `distributed` is not installed; install lessbench with "
-            "its extra `cluster`, or set compute.scheduler to null"
-        ) from None
-    try:
-        client = Client(scheduler, timeout=_PATIENCE_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise StageError(
-            f"the scheduler {scheduler} cannot be reached ({' '.join(str(error).split())}); start it, name another one, or "
-            "set compute.scheduler to null"
-        ) from None
-    program = fingerprint()
-
-    def submit(function: Callable[[Any], Any], job: Any) -> Future:
-        # a key of its own for each call: the files that a job names may be others than in an earlier run
-        call = client.submit(partial(_checked, program, function), job, pure=False, retries=RETRIES)
-        return Remote(call, scheduler)
-
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=_STARTING_S)
-        except TimeoutError:
-            raise StageError(
-                f"the scheduler {scheduler} has had no worker for {_STARTING_S} s; start workers, or set compute.scheduler "
-                "to null"
-            ) from None
-        yield Workers(2 * sum(client.nthreads().values()), submit)
-
-
 @dataclass(frozen=True)
-class Remote:
-    """A call on a cluster. A worker that is lost is no error: another one begins its calls again.
+class Local:
+    """A call in a thread of this process."""
 
-    Attributes:
-        call: future of `distributed`.
-        scheduler: of the cluster.
-    """
+    call: concurrent.futures.Future[Any]
 
-    call: Any
-    scheduler: str
+    def wait(self) -> None:
+        """Raise what the call raised."""
+        self.call.result()
 
     def result(self) -> Any:
-        """Wait for the result.
-
-        Raises:
-            StageError: the cluster has given up.
-        """
-        from distributed import KilledWorker
-        from distributed.client import FutureCancelledError
-        from distributed.comm import CommClosedError
-
-        try:
-            return self.call.result()
-        except (KilledWorker, FutureCancelledError, CommClosedError) as error:
-            raise StageError(
-                f"the cluster of {self.scheduler} gave up ({type(error).__name__}: {' '.join(str(error).split())}); its logs "
-                "say why, most often a worker had too little memory for compute.partition; then run this again"
-            ) from None
+        """Wait for the result."""
+        return self.call.result()
 
     def cancel(self) -> Any:
         """Do not begin."""
         self.call.cancel()
 
 
-def _checked(program: str, function: Callable[[Job], Result], job: Job) -> Result:
-    """On a worker: the function of the job, by the program that the stage is of."""
-    if fingerprint() != program:
-        raise StageError(
-            "a worker of the cluster has another version of lessbench, NumPy, SciPy, FINUFFT or MuJoCo than this machine; "
-            "start the workers from the same environment"
-        )
-    return function(job)
-
-
-@cache
-def fingerprint() -> str:
-    """SHA-256 over the program's code and the versions of what it computes with."""
-    root = Path(__file__).resolve().parents[2]
-    digest = hashlib.sha256()
-    for name in ("numpy", "scipy", "finufft", "mujoco", "polars"):
-        digest.update(f"{name} {version(name)}\n".encode())
-    for folder in ("pipeline", "schemas"):
-        for path in sorted(p for p in (root / folder).rglob("*") if p.suffix in (".py", ".toml")):
-            digest.update(path.relative_to(root).as_posix().encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+def _done(value: Any) -> concurrent.futures.Future[Any]:
+    future = concurrent.futures.Future[Any]()
+    future.set_result(value)
+    return future
 
 
 def _up_to(count: int, items: Iterator[Item]) -> Iterator[Item]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from itertools import groupby
 from pathlib import Path
 
@@ -208,7 +207,7 @@ def _streamed(
             Part(question, one.anchor, one.between(*rows), densities, known[one.key].between(*rows), sigmas[one.key])
             for rows in ranges
         ]
-        sums = reduce(_added, pool.mapped(part_sums, jobs, f"{what} {one.set_id}"))
+        sums = pool.merged(part_sums, jobs, _added, f"{what} {one.set_id}")
         phi = question.demonstrations[mine]
         for label, values in found.items():
             values[mine] = sums[label].log_likelihood(phi, question.thetas, question.betas, phi.mean(axis=0))

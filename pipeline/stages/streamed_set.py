@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import reduce
-from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,13 +61,12 @@ class StreamedSet:
     def log_sums_of_others(self, points: Floats, sigmas: Floats, negligible: float) -> Floats:
         """See `Reference`."""
         jobs = [(self._features, part, points, sigmas, negligible) for part in self._parts]
-        sums = self._pool.mapped(log_sums_of_others_of, jobs, f"{self._what}: rows by themselves")
-        return np.asarray(reduce(np.logaddexp, sums))
+        return self._pool.merged(log_sums_of_others_of, jobs, np.logaddexp, f"{self._what}: rows by themselves")
 
     def sketch(self, grid: Grid) -> Sketch:
         """See `Reference`."""
         jobs = [(self._features, part, grid) for part in self._parts]
-        return reduce(add, self._pool.mapped(sketch_of, jobs, f"{self._what}: sketch"))
+        return self._pool.merged(sketch_of, jobs, Sketch.__add__, f"{self._what}: sketch")
 
     def _at(self, positions: NDArray[np.intp]) -> Floats:
         """The rows at some places of the set, which are in order."""

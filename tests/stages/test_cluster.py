@@ -19,6 +19,7 @@ import polars as pl
 import pytest
 
 from pipeline.errors import ParameterError, StageError, TableError
+from pipeline.stages import cluster as cluster_module
 from pipeline.stages import density, featurize, folds, infer, ingest, sample
 from pipeline.stages.parts import Gathered, Piece, Scaled
 from pipeline.stages.project import Project
@@ -123,6 +124,31 @@ def test_a_cluster_that_loses_a_worker_half_way_gives_the_same_bytes(
         assert there[name] == here[name], name
 
 
+def test_results_are_merged_on_the_workers_as_a_tree(
+    make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The shape is that of `test_folds`; nothing but the last result is brought here."""
+    large["compute"]["scheduler"] = cluster.address
+    fetched: list[int] = []
+    result = cluster_module.Remote.result
+
+    def counted(remote: cluster_module.Remote) -> Any:
+        found = result(remote)
+        fetched.append(len(found))
+        return found
+
+    monkeypatch.setattr(cluster_module.Remote, "result", counted)
+    with folds.workers(make_project(large)) as pool:
+        assert pool.merged(str, range(7), _pair, "numbers") == "(((01)(23))((45)6))"
+        assert fetched == [19]
+        with pytest.raises(ValueError, match="invalid literal"):
+            pool.merged(int, ["1", "2", "three"], max, "numbers")
+
+
+def _pair(one: str, other: str) -> str:
+    return f"({one}{other})"
+
+
 def test_what_a_part_raises_on_a_worker_is_raised_here(
     make_project: MakeProject, large: dict[str, Any], cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -131,7 +157,7 @@ def test_what_a_part_raises_on_a_worker_is_raised_here(
     with folds.workers(make_project(large)) as pool:
         with pytest.raises(TableError, match=r"none\.parquet: there is no such file"):
             list(pool.mapped(density.spread_of, [job], "one"))
-        monkeypatch.setattr(folds, "fingerprint", lambda: "of another program")
+        monkeypatch.setattr(cluster_module, "fingerprint", lambda: "of another program")
     with folds.workers(make_project(large)) as pool, pytest.raises(StageError, match="another version of lessbench"):
         list(pool.mapped(density.spread_of, [job], "one"))
 
@@ -139,7 +165,7 @@ def test_what_a_part_raises_on_a_worker_is_raised_here(
 def test_a_scheduler_that_does_not_answer_is_named(
     make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(folds, "_PATIENCE_S", 1)
+    monkeypatch.setattr(cluster_module, "_PATIENCE_S", 1)
     monkeypatch.setenv(folds.SCHEDULER, "tcp://127.0.0.1:1")
     with (
         pytest.raises(StageError, match=r"scheduler tcp://127\.0\.0\.1:1 cannot be reached"),

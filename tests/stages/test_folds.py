@@ -192,7 +192,7 @@ def test_a_box_too_large_for_one_sketch_is_cut_into_slabs(
     density.run(project, "sweep")
     one = table(project, "densities")
     slabs: list[int] = []
-    monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 2.2e5)
+    monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 2.4e5)
     monkeypatch.setattr(density, "SLABBED", 0)
     cut_box = density.sketch_slabs
     monkeypatch.setattr(density, "sketch_slabs", lambda *box: slabs.append(len(found := cut_box(*box) or ())) or found)
@@ -269,6 +269,35 @@ def test_results_come_in_the_order_of_the_jobs_and_few_are_under_way(
         with pytest.raises(StageError, match="number 5"):
             list(pool.mapped(_failing, range(1000), "failures"))
     assert len(begun) < 20
+
+
+@pytest.mark.parametrize(
+    ("count", "tree"), [(1, "0"), (2, "(01)"), (3, "((01)2)"), (6, "(((01)(23))(45))"), (7, "(((01)(23))((45)6))")]
+)
+def test_results_are_merged_as_a_tree_of_neighbours(
+    make_project: MakeProject, large: dict[str, Any], count: int, tree: str
+) -> None:
+    with folds.workers(make_project(large)) as pool:
+        assert pool.merged(str, range(count), lambda one, other: f"({one}{other})", "numbers") == tree
+        with pytest.raises(StageError, match="number 5"):
+            pool.merged(_failing, range(1000), max, "failures")
+
+
+def test_few_results_wait_to_be_merged(make_project: MakeProject, large: dict[str, Any]) -> None:
+    """Of 1000: those under way, and one for each power of two."""
+    alive, most = [0], [0]
+
+    class Counted:
+        def __init__(self) -> None:
+            alive[0] += 1
+            most[0] = max(most[0], alive[0])
+
+        def __del__(self) -> None:
+            alive[0] -= 1
+
+    with folds.workers(make_project(large)) as pool:
+        pool.merged(lambda _: Counted(), range(1000), lambda one, other: Counted(), "objects")
+        assert most[0] <= pool.count + 1 + 10 + 3
 
 
 def _failing(number: int) -> int:
