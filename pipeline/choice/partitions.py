@@ -24,17 +24,15 @@ from pipeline.choice.slabs import MOST, Slab, cut
 from pipeline.choice.ties import distinct_rows
 from pipeline.errors import ArgumentError
 
-MEMORY_BYTES = 1e9  # what the transforms of one part may use
 _JOINED = 4_000_000  # joined weights that are held at once: 32 MB
 
 
 def sketch_slabs(
-    lower: Sequence[float], upper: Sequence[float], sigma: float, total: int, rows: int
+    lower: Sequence[float], upper: Sequence[float], sigma: float, total: int, rows: int, memory_bytes: float
 ) -> tuple[Slab, ...] | None:
     """The fewest slabs of the box for parts of up to `rows` of the `total` rows, or None if no sketch will do.
 
-    That is for more than three features, or where a part's transforms in 64 slabs would still take more than 1 GB, or all
-    parts' together more than four hours.
+    That is for more than three features, or where a part's transforms in 64 slabs would still take more than `memory_bytes`.
     """
     if len(lower) > DIMENSIONS:
         return None
@@ -44,11 +42,18 @@ def sketch_slabs(
             slabs = cut(np.array([lower, upper], dtype=np.float64), total, sigma, count)
         except ArgumentError:
             return None
-        if all(engines.transform_bytes(slab.grid, rows) <= MEMORY_BYTES for slab in slabs):
-            seconds = sum(2 * engines.transform_seconds(slab.grid, rows) for slab in slabs) * -(-total // rows)
-            return slabs if seconds <= engines.LONGEST_S else None
+        if all(engines.transform_bytes(slab.grid, rows) <= memory_bytes for slab in slabs):
+            return slabs
         count *= 2
     return None
+
+
+def sketch_seconds(slabs: Sequence[Slab], total: int, rows: int) -> float:
+    """What the transforms of all parts take on one core: every slab's, for each part, there and back.
+
+    Each slab is taken to hold all rows of a part, which bounds what they add.
+    """
+    return sum(2 * engines.transform_seconds(slab.grid, rows) for slab in slabs) * -(-total // rows)
 
 
 def sketch_of_part(rows: ArrayLike, grid: Grid) -> Sketch:

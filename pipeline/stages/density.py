@@ -6,6 +6,7 @@ sketch, and its kernel sums, each a fold over its rows; see `pipeline.choice.par
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from pipeline.choice import Bandwidth, choose_engine, log_density, select_bandwidth
 from pipeline.choice.bandwidth import sampled_bandwidth
 from pipeline.choice.engines import LONGEST_S, pair_seconds
-from pipeline.choice.partitions import log_sums_of_part, log_sums_over_part, sketch_slabs, slab_of_part
+from pipeline.choice.partitions import log_sums_of_part, log_sums_over_part, sketch_seconds, sketch_slabs, slab_of_part
 from pipeline.choice.scaling import Spread
 from pipeline.choice.sketch import Sketch
 from pipeline.choice.slabs import Slab
@@ -93,7 +94,8 @@ def run(project: Project, name: str) -> None:
 
 def depends_on(project: Project) -> list[object]:
     """The parameters that the tables depend on."""
-    return [project.params.features.scale, project.params.density, project.params.compute.partition]
+    compute = project.params.compute
+    return [project.params.features.scale, project.params.density, compute.partition, compute.memory_gb]
 
 
 def _spread(pool: Workers, path: Path, names: tuple[str, ...], sets: Sequence[SetRows]) -> Spread:
@@ -144,10 +146,12 @@ def _streamed(
     partition, what = project.params.compute.partition, f"density {one.set_id}"
     parts = tuple(one.between(first, first + count) for first, count in cut(one.rows, PARTITIONS * partition))
     spread = pool.merged(spread_of, [(features, rows) for rows in parts], Spread.__add__, f"{what}: bounds")
-    sigma = _bandwidth(pool, features, one, parts, spread, bandwidth, what)
+    memory_bytes, longest_part = 1e9 * project.params.compute.memory_gb, min(one.rows, PARTITIONS * partition)
+    sigma = _bandwidth(pool, features, one, parts, spread, bandwidth, memory_bytes, what)
     lower, upper = spread.lower.tolist(), spread.upper.tolist()
-    slabs = sketch_slabs(lower, upper, sigma.value, one.rows, min(one.rows, PARTITIONS * partition))
-    if slabs is None or (len(slabs) > 1 and one.rows <= SLABBED):
+    slabs = sketch_slabs(lower, upper, sigma.value, one.rows, longest_part, memory_bytes)
+    seconds = math.inf if slabs is None else sketch_seconds(slabs, one.rows, longest_part)
+    if slabs is None or _better_whole(one.rows, len(slabs), seconds):
         phi = _whole(features, one, "their features are too many, or the bandwidth too narrow, for a sketch")
         engine = choose_engine(phi, sigma.value).engine
         log_sums = log_density(phi, sigma.value, engine=engine)
@@ -155,6 +159,12 @@ def _streamed(
             rows = read_pieces(features.path, "features", one.between(first, first + count), [*GROUPS, "id"])
             yield _rows(rows, sigma, log_sums[first : first + count], engine)
         return
+    if seconds > LONGEST_S * pool.count:
+        raise StageError(
+            f"the kernel sums of the set {one.set_id!r} of {one.rows:,} alternatives at bandwidth {sigma.value:g} would take "
+            f"about {seconds / 3600 / pool.count:.0f} hours on {pool.count} cores; use more workers (docs/cluster.md), a larger "
+            "compute.memory_gb, a wider density.bandwidth or fewer alternatives"
+        )
     scratch = project.root / SCRATCH
     scratch.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="density-", dir=scratch) as folder:
@@ -169,6 +179,11 @@ def _streamed(
             known = read_pieces(features.path, "features", part, [*GROUPS, "id"])
             table = _rows(known, sigma, log_sums, "spectral")
             yield from (table.slice(first, count) for first, count in cut(table.height, partition))
+
+
+def _better_whole(rows: int, slabs: int, seconds: float) -> bool:
+    """Whether a set is read at once though sketches would do: by the set alone, never by how many cores there are."""
+    return (slabs > 1 and rows <= SLABBED) or (seconds > LONGEST_S and rows <= IN_MEMORY)
 
 
 def slab_of(job: tuple[Scaled, Sequence[Piece], Slab]) -> Sketch:
@@ -199,7 +214,7 @@ def log_sums_of(part: Sketched) -> Floats:
 
 def _bandwidth(
     pool: Workers, features: Scaled, one: SetRows, parts: Sequence[Sequence[Piece]], spread: Spread,
-    bandwidth: str | float, what: str,
+    bandwidth: str | float, memory_bytes: float, what: str,
 ) -> Bandwidth:  # fmt: skip
     """Of one part, as of a set in memory; of more, `leave-one-out` on some rows alone."""
     if not isinstance(bandwidth, str):
@@ -211,7 +226,7 @@ def _bandwidth(
             f"density.bandwidth is {bandwidth!r}, which compares all pairs, and the set {one.set_id!r} has {one.rows:,} "
             "alternatives; use leave-one-out or a number"
         )
-    return sampled_bandwidth(StreamedSet(pool, features, parts, spread, what))
+    return sampled_bandwidth(StreamedSet(pool, features, parts, spread, memory_bytes, what))
 
 
 def _whole(features: Scaled, one: SetRows, reason: str) -> Floats:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.choice.partitions import (
-    MEMORY_BYTES,
     log_sums_of_others_in_part,
     others_in_part,
     sketch_of_part,
@@ -34,13 +33,15 @@ class StreamedSet:
         features: of all sets.
         parts: of the set.
         spread: of its scaled features.
+        memory_bytes: what the transforms of one part may use.
         what: is computed, for the progress bar.
     """
 
-    memory_bytes = MEMORY_BYTES
-
-    def __init__(self, pool: Workers, features: Scaled, parts: Sequence[Rows], spread: Spread, what: str) -> None:
+    def __init__(
+        self, pool: Workers, features: Scaled, parts: Sequence[Rows], spread: Spread, memory_bytes: float, what: str
+    ) -> None:
         self._pool, self._features, self._parts, self._what = pool, features, parts, what
+        self.memory_bytes = memory_bytes
         self.total = self.distinct = spread.count
         self.lower, self.upper, self.parts = spread.lower, spread.upper, len(parts)
         groups = distinct_rows(self._at(drawn_positions(self.total)))

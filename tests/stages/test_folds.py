@@ -142,7 +142,7 @@ def test_the_sampled_score_of_parts_is_that_of_the_set(
     parts = [[Piece(0, first, min(2500, 12_000 - first))] for first in range(0, 12_000, 2500)]
     spread = Spread.of(values)
     with folds.workers(make_project(large)) as pool:
-        found = sampled_bandwidth(StreamedSet(pool, Rows(values), parts, spread, "clusters"))  # type: ignore[arg-type]
+        found = sampled_bandwidth(StreamedSet(pool, Rows(values), parts, spread, 1e9, "clusters"))  # type: ignore[arg-type]
     whole = select_bandwidth(values)
     assert found.rows_scored is not None
     assert found.rows_scored > 1500
@@ -155,13 +155,13 @@ def test_rows_that_are_all_the_same_have_no_bandwidth(make_project: MakeProject,
     values = np.ones((600, 2))
     parts = [[Piece(0, 0, 300)], [Piece(0, 300, 300)]]
     with folds.workers(make_project(large)) as pool, pytest.raises(BandwidthError, match="one distinct row"):
-        StreamedSet(pool, Rows(values), parts, Spread.of(values), "the same")  # type: ignore[arg-type]
+        StreamedSet(pool, Rows(values), parts, Spread.of(values), 1e9, "the same")  # type: ignore[arg-type]
 
 
 def test_from_the_same_densities_the_posteriors_agree_to_rounding(
-    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    make_project: MakeProject, large: dict[str, Any]
 ) -> None:
-    monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 1e5)  # no sketch: every pair is summed
+    large["compute"]["memory_gb"] = 1e-4  # no sketch: every pair is summed
     streamed = computed(drawn(make_project(large)))
     large["compute"]["partition"] = 50_000
     whole = computed(make_project(large))
@@ -180,6 +180,7 @@ def test_rows_that_the_sketch_does_not_resolve_are_summed_exactly(
     density.run(make_project(large), "sweep")
     np.testing.assert_allclose(streamed["log_density"], table(project, "densities")["log_density"], rtol=0, atol=1e-7)
     monkeypatch.setattr(density, "LONGEST_S", 1e-12)
+    monkeypatch.setattr(density, "sketch_seconds", lambda *_: 0.0)
     large["compute"]["partition"] = 400
     with pytest.raises(StageError, match="too isolated in a set of 1,900"):
         density.run(make_project(large), "sweep")
@@ -188,11 +189,11 @@ def test_rows_that_the_sketch_does_not_resolve_are_summed_exactly(
 def test_a_box_too_large_for_one_sketch_is_cut_into_slabs(
     make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    project = drawn(make_project(large))
-    density.run(project, "sweep")
-    one = table(project, "densities")
+    density.run(drawn(make_project(large)), "sweep")
+    one = table(make_project(large), "densities")
     slabs: list[int] = []
-    monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 2.4e5)
+    large["compute"]["memory_gb"] = 2.4e-4
+    project = make_project(large)
     monkeypatch.setattr(density, "SLABBED", 0)
     cut_box = density.sketch_slabs
     monkeypatch.setattr(density, "sketch_slabs", lambda *box: slabs.append(len(found := cut_box(*box) or ())) or found)
@@ -206,7 +207,7 @@ def test_a_box_too_large_for_one_sketch_is_cut_into_slabs(
 def test_a_bandwidth_too_narrow_for_a_sketch_takes_the_whole_set_up_to_a_limit(
     make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.choice.partitions.MEMORY_BYTES", 1e5)
+    large["compute"]["memory_gb"] = 1e-4
     project = drawn(make_project(large))
     density.run(project, "sweep")
     streamed = table(project, "densities")
@@ -218,6 +219,18 @@ def test_a_bandwidth_too_narrow_for_a_sketch_takes_the_whole_set_up_to_a_limit(
     large["compute"]["partition"] = 400
     with pytest.raises(StageError, match=r"'working' has 1,900 alternatives .* up to 1,000 are possible"):
         density.run(make_project(large), "sweep")
+
+
+def test_what_would_take_too_long_is_read_at_once_or_else_refused_with_what_to_do(
+    make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project = drawn(make_project(large))
+    monkeypatch.setattr(density, "LONGEST_S", 1e-9)
+    density.run(project, "sweep")
+    assert table(project, "densities").filter(set_id="working")["engine"].unique().to_list() == ["exact"]
+    monkeypatch.setattr(density, "IN_MEMORY", 1000)
+    with pytest.raises(StageError, match=r"'working' of 1,900 alternatives .* hours on \d+ cores; use more workers"):
+        density.run(project, "sweep")
 
 
 def test_a_model_that_needs_the_whole_set_says_so(make_project: MakeProject, large: dict[str, Any]) -> None:
