@@ -6,7 +6,7 @@ two threads for some of its steps, whose seconds both count; the peers take one.
 measured up to 20,000 or 40,000 rows and extrapolated by their own growth between the two largest; the table says so.
 
 What was measured is kept in benchmarks/results/density.json; `--picture FILE` draws it and `--estimate` computes from it,
-and from replay.json, what a thousand million alternatives would take, both without measuring again.
+and from replay.json and tables.json, what a thousand million alternatives would take, both without measuring again.
 
 "Selecting among 20 bandwidths" is GridSearchCV for the peer: 20 bandwidths around the best, five folds, all rows. Ours has
 no grid: leave-one-out likelihood of about 4000 rows against all, its maximum, with its standard error.
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +30,10 @@ from sklearn.neighbors import KernelDensity
 from benchmarks.measuring import Growth, Run, clustered, measured, record, seconds, show
 from pipeline.choice import choose_engine, log_density, select_bandwidth
 from pipeline.choice.normaliser import partial_normaliser
+from pipeline.choice.partitions import sketch_slabs
+from pipeline.choice.sampled_score import RELATIVE_ERROR
 from pipeline.choice.sketch import Grid, Sketch
+from pipeline.stages.parts import PARTITIONS
 
 RELATIVE = 1e-6  # tolerance given to scikit-learn
 BANDWIDTHS = 20
@@ -219,40 +223,61 @@ def measure(ten_million: bool, in_full: bool) -> None:
 
 
 def estimate() -> None:
-    """What a thousand million alternatives take on a cluster, from unit costs: a table in Markdown."""
-    costs = {**_known("replay"), **_known("density")}
-    count, cores, waypoints, hypotheses = 1e9, 512, 41, 171
-    each = count / cores
+    """What a thousand million alternatives take on a cluster, from unit costs: a table in Markdown.
+
+    Parts, slabs and grids are those that the program itself would take.
+    """
+    costs = {**_known("replay"), **_known("tables"), **_known("density")}
+    count, cores, partition, memory_gb, waypoints, hypotheses = 10**9, 512, 200_000, 14, 41, 171
+    rows = PARTITIONS * partition
+    parts = count // rows
     # the selected bandwidth narrows with the seventh root, and so does the spacing of the grid
-    finer = (count / 1e6) ** (1 / 7)
-    sigma = 0.0207 / finer
-    box = np.ptp(clustered(1_000_000), axis=0)
-    grid = Grid.covering([0.0] * 3, box, sigma, sigma, count)
-    points = grid.oversampled(int(each))
-    fft = points * costs["grid of a transform, ns per point"] * 1e-9
+    sigma = 0.0207 / (count / 1e6) ** (1 / 7)
+    box = clustered(1_000_000)
+    lower, upper = box.min(axis=0).tolist(), box.max(axis=0).tolist()
+    slabs = sketch_slabs(lower, upper, sigma, count, rows, memory_gb * 1e9)
+    if slabs is None or len(slabs) > 1:
+        raise SystemExit("the estimate is for one slab")
+    each, grid = rows * -(-parts // cores), slabs[0].grid
+    scored = Grid.covering(lower, upper, 0.8 * sigma, 0.075, count, RELATIVE_ERROR)  # from the widest that is tried
+    per_point = costs["grid of a transform, ns per point"] * 1e-9
+    fft, smaller = (of.oversampled(rows) * per_point for of in (grid, scored))
+    megabytes = 16e-6 * math.prod(grid.shape), 16e-6 * math.prod(scored.shape)
+    rounds = math.ceil(math.log2(parts))
     draw = costs["drawing, mixture, us per trajectory"]
     replay = costs["replay and 3 features, us per configuration, one core"]
     sketch, back = costs["sketch, us per row beside the grid"], costs["density at rows, us per row beside the grid"]
     posterior = costs["posterior, 20 demonstrations, ns per row and hypothesis"]
+    written = [costs[f"{name}, written, us per row"] for name in ("alternatives", "features", "densities")]
+    read = costs["alternatives, keys read, us per row"] + 2 * costs["features, keys read, us per row"]
+    size = sum(costs[f"{name}, bytes per row"] for name in ("alternatives", "features", "densities"))
+    every, alone = "each core", "the stage"
     steps = [
-        ("sampling", f"{draw:.3g} us x {each:,.0f}", draw * each * 1e-6),
-        ("replay, features", f"{replay:.3g} us x {waypoints} x {each:,.0f}", replay * waypoints * each * 1e-6),
-        ("sketch", f"{sketch:.3g} us x {each:,.0f} + grid {fft:.3g} s", sketch * each * 1e-6 + fft),
+        ("sampling", every, f"{draw:.3g} us x {each:,}", draw * each * 1e-6),
+        ("replay, features", every, f"{replay:.3g} us x {waypoints} x {each:,}", replay * waypoints * each * 1e-6),
+        ("sketch for the bandwidth", every, f"{sketch:.3g} us x {each:,} + grid {smaller:.3g} s", sketch * each * 1e-6 + smaller),
+        ("bandwidth, ten scored by it, two at a time", alone, f"5 x {smaller:.3g} s", 5 * smaller),
+        ("sketch", every, f"{sketch:.3g} us x {each:,} + grid {fft:.3g} s", sketch * each * 1e-6 + fft),
         (
-            "adding up 512 sketches",
-            f"9 rounds of {np.prod(grid.shape) * 16 / 1e9:.2g} GB at 1 GB/s",
-            9 * np.prod(grid.shape) * 16e-9,
+            f"adding up {parts} sketches, twice", every, f"{rounds} rounds of {sum(megabytes):,.0f} MB at 1 GB/s",
+            rounds * sum(megabytes) * 1e-3,
         ),
-        ("bandwidth", f"13 scored side by side, each a grid, twice: 2 x {fft:.3g} s", 2 * fft),
-        ("density at all rows", f"{back:.3g} us x {each:,.0f} + grid {fft:.3g} s", back * each * 1e-6 + fft),
-        ("posterior", f"{posterior:.3g} ns x {hypotheses} x {each:,.0f}", posterior * hypotheses * each * 1e-9),
-    ]
-    print("| step | on each core | seconds |\n|---|---|---|")
-    for step, arithmetic, took in [*steps, ("all", "", sum(took for *_, took in steps))]:
-        print(f"| {step} | {arithmetic} | {took:,.0f} |")
+        ("density at all rows", every, f"{back:.3g} us x {each:,} + grid {fft:.3g} s", back * each * 1e-6 + fft),
+        ("posterior", every, f"{posterior:.3g} ns x {hypotheses} x {each:,}", posterior * hypotheses * each * 1e-9),
+        ("keys of all rows", alone, f"{read:.3g} us x 1e9", read * 1e-6 * count),
+        *(
+            (f"writing {name}", alone, f"{took:.3g} us x 1e9", took * 1e-6 * count)
+            for name, took in zip(("alternatives", "features", "densities"), written, strict=True)
+        ),
+    ]  # fmt: skip
+    print("| step | on | what | seconds |\n|---|---|---|---|")
+    sums = [(f"all of {who}", "", "", sum(took for _, by, _, took in steps if by == who)) for who in (every, alone)]
+    for step, by, arithmetic, took in [*steps, *sums]:
+        print(f"| {step} | {by} | {arithmetic} | {took:,.0f} |")
     print(
-        f"\n{count:.0e} alternatives, {cores} cores, bandwidth {sigma:.4f}, grid {' x '.join(map(str, grid.shape))} of "
-        f"{points * 16 / 1e9:.1f} GB oversampled; unit costs of {costs['date']}, {costs['machine']}"
+        f"\n{count:.0e} alternatives, {size * count / 1e12:.2g} TB of tables, compute.partition {partition:,}, compute.memory_gb "
+        f"{memory_gb}, {cores} cores; bandwidth {sigma:.4f}, grid {' x '.join(map(str, grid.shape))} of "
+        f"{grid.oversampled(rows) * 16 / 1e9:.1f} GB oversampled; unit costs of {costs['date']}, {costs['machine']}"
     )
 
 

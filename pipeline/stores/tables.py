@@ -84,7 +84,11 @@ class TableWriter:
 
         arrow = _conform(part, self._contract, self._path).replace_schema_metadata(self._metadata)
         if self._file is None:
-            self._file = pq.ParquetWriter(self._stream, arrow.schema, compression="zstd", write_page_checksum=True)
+            # hardly two numbers of a trajectory are alike, and to look for them takes most of the time
+            flat = [field.name for field in arrow.schema if not _is_trajectory(field.type)]
+            self._file = pq.ParquetWriter(
+                self._stream, arrow.schema, compression="zstd", use_dictionary=flat, write_page_checksum=True
+            )
         elif arrow.schema != self._file.schema:
             raise TableError(
                 f"{self._path}: a part of table {self._contract.name!r} has the columns {', '.join(arrow.schema.names)} "
@@ -98,6 +102,12 @@ class TableWriter:
         """Write the end of the file."""
         if self._file is not None:
             self._file.close()
+
+
+def _is_trajectory(type_: pa.DataType) -> bool:
+    import pyarrow as pa
+
+    return isinstance(type_, pa.FixedSizeListType) and isinstance(type_.value_type, pa.FixedSizeListType)
 
 
 class KeyRanges:
