@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,7 +16,8 @@ from pipeline.errors import StageError
 
 RETRIES = 3  # of a part that fails, and workers that may be lost with it
 _PATIENCE_S = 15  # for a scheduler to answer
-_STARTING_S = 300  # for a first worker to come, a batch system's queue permitting
+_STARTING_S = 300  # for a first worker to come, or another once all are lost, a batch system's queue permitting
+_LOOK_S = 10.0  # between looks whether there still are workers
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Remote:
             StageError: the cluster has given up.
         """
         with self._given_up():
-            if self.call.exception() is not None:
+            if self._asked(self.call.exception) is not None:
                 self.call.result()
 
     def result(self) -> Any:
@@ -47,7 +49,26 @@ class Remote:
             StageError: the cluster has given up.
         """
         with self._given_up():
-            return self.call.result()
+            return self._asked(self.call.result)
+
+    def _asked(self, question: Callable[[float], Any]) -> Any:
+        """The answer, unless no worker has come for too long."""
+        deserted = None
+        while True:
+            try:
+                return question(_LOOK_S)
+            except TimeoutError:
+                if self.call.done():  # so it is what the call raised
+                    raise
+            if self.call.client.nthreads():
+                deserted = None
+                continue
+            deserted = deserted or time.monotonic()
+            if time.monotonic() - deserted > _STARTING_S:
+                raise StageError(
+                    f"the scheduler {self.scheduler} has lost all of its workers, and none has come for {_STARTING_S} s; start "
+                    "workers and run this again, or set compute.scheduler to null"
+                )
 
     @contextmanager
     def _given_up(self) -> Iterator[None]:

@@ -87,8 +87,9 @@ def run(project: Project, name: str) -> None:
                             table.add(rows)
                 else:
                     jobs = [(features, batch, bandwidth) for batch in batches(list(some), 4 * pool.count, partition)]
-                    for rows in pool.mapped(set_densities, jobs, f"density {name}"):
-                        table.add(rows)
+                    for tables in pool.mapped(set_densities, jobs, f"density {name}"):
+                        for rows in tables:  # one by one, as the batches depend on the number of cores
+                            table.add(rows)
         record.produced = f"{len(sets)} sets, {table.rows:,} log densities"
 
 
@@ -111,8 +112,8 @@ def spread_of(job: tuple[Scaled, Sequence[Piece]]) -> Spread:
     return Spread.of(features.read(rows))
 
 
-def set_densities(job: tuple[Scaled, Sequence[SetRows], str | float]) -> pl.DataFrame:
-    """Rows of densities.parquet for whole sets."""
+def set_densities(job: tuple[Scaled, Sequence[SetRows], str | float]) -> list[pl.DataFrame]:
+    """Rows of densities.parquet for each of some whole sets."""
     features, sets, bandwidth = job
     pieces = [piece for one in sets for piece in one.pieces]
     rows = read_pieces(features.path, "features", pieces, [*GROUPS, "id", *features.names])
@@ -124,7 +125,7 @@ def set_densities(job: tuple[Scaled, Sequence[SetRows], str | float]) -> pl.Data
         sigma = select_bandwidth(phi, bandwidth)
         engine = choose_engine(phi, sigma.value).engine
         tables.append(_rows(own, sigma, log_density(phi, sigma.value, engine=engine), engine))
-    return pl.concat(tables)
+    return tables
 
 
 def _rows(rows: pl.DataFrame, sigma: Bandwidth, log_sums: Floats, engine: str) -> pl.DataFrame:

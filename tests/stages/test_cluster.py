@@ -23,6 +23,7 @@ from pipeline.stages import cluster as cluster_module
 from pipeline.stages import density, featurize, folds, infer, ingest, sample
 from pipeline.stages.parts import Gathered, Piece, Scaled
 from pipeline.stages.project import Project
+from tests.reference.listening import LOOPBACK, listening
 
 MakeProject = Callable[[dict[str, Any]], Project]
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,6 +35,7 @@ class Cluster:
     """A scheduler and its workers, processes of this machine that listen on 127.0.0.1 alone."""
 
     address: str
+    scheduler: subprocess.Popen[bytes]
     workers: list[subprocess.Popen[bytes]]
 
 
@@ -46,7 +48,8 @@ def process(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Pop
         f"distributed.cli.dask_{name}",
         "--host",
         "127.0.0.1",
-        "--no-dashboard",
+        "--dashboard-address",  # `--no-dashboard` leaves its server open on all interfaces
+        "127.0.0.1:0",
         *arguments,
     ]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -69,14 +72,14 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     folder.mkdir()
     file = folder / "scheduler.json"
     with ExitStack() as stack:
-        stack.enter_context(process(folder, "scheduler", "--port", "0", "--scheduler-file", str(file)))
+        scheduler = stack.enter_context(process(folder, "scheduler", "--port", "0", "--scheduler-file", str(file)))
         for _ in range(600):
             if file.exists():
                 break
             time.sleep(0.1)
         options = ["--scheduler-file", str(file), "--no-nanny", "--nthreads", "1", "--local-directory", str(folder)]
         workers = [stack.enter_context(process(folder, "worker", *options)) for _ in range(2)]
-        yield Cluster(json.loads(file.read_text())["address"], workers)
+        yield Cluster(json.loads(file.read_text())["address"], scheduler, workers)
 
 
 @pytest.fixture
@@ -147,6 +150,38 @@ def test_results_are_merged_on_the_workers_as_a_tree(
 
 def _pair(one: str, other: str) -> str:
     return f"({one}{other})"
+
+
+def test_a_cluster_that_has_lost_all_workers_is_given_up(
+    make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    large["compute"]["scheduler"] = cluster.address
+    monkeypatch.setattr(cluster_module, "_LOOK_S", 0.2)
+    monkeypatch.setattr(cluster_module, "_STARTING_S", 2)
+    with folds.workers(make_project(large)) as pool:
+        assert list(pool.mapped(str, [1, 2], "numbers")) == ["1", "2"]
+        with pytest.raises(TimeoutError, match="its own"):
+            list(pool.mapped(_late, [0], "numbers"))
+        for worker in cluster.workers:
+            worker.kill()
+        with pytest.raises(StageError, match=r"lost all of its workers, and none has come for 2 s; start workers"):
+            list(pool.mapped(str, [1, 2], "numbers"))
+
+
+def _late(_: int) -> None:
+    raise TimeoutError("its own")
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="no /proc to read the listening sockets from")
+def test_what_the_documented_commands_start_listens_on_the_loopback_address_alone(cluster: Cluster) -> None:
+    for _ in range(100):
+        if alive(cluster) == 2:
+            break
+        time.sleep(0.1)
+    for running in (cluster.scheduler, *cluster.workers):
+        found = listening(running.pid)
+        assert found
+        assert found <= LOOPBACK
 
 
 def test_what_a_part_raises_on_a_worker_is_raised_here(

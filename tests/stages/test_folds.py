@@ -253,7 +253,9 @@ def test_densities_in_another_order_are_refused(make_project: MakeProject, large
 def test_the_number_of_threads_changes_no_byte(
     make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
+    """Small sets of more than a partition, and a large one."""
     names = ("alternatives", "sampling", "features", "densities", "scales", "posteriors", "held_out")
+    large["sample"] |= {"sizes": [70, 90], "sets": 6}
 
     def written() -> dict[str, bytes]:
         project = drawn(make_project(large))

@@ -12,9 +12,9 @@ import typer
 
 from pipeline.cli import app
 from pipeline.stores.viewer import quiet_environment, viewer_command
+from tests.reference.listening import LOOPBACK, listening
 
 ROOT = Path(__file__).resolve().parents[2]
-LOOPBACK = {"0100007F", "00000000000000000000000001000000"}
 # Every command that listens, with the test that looks at its sockets from the outside; a new one must be named here.
 LISTENING = {
     "view": "test_listening.py: test_the_viewer_listens_on_the_loopback_address_alone",
@@ -63,7 +63,7 @@ def test_the_viewer_listens_on_the_loopback_address_alone() -> None:
         try:
             found: set[str] = set()
             for _ in range(600):
-                found = _listening(process.pid)
+                found = listening(process.pid)
                 if found:
                     break
                 assert process.poll() is None
@@ -72,13 +72,3 @@ def test_the_viewer_listens_on_the_loopback_address_alone() -> None:
             process.kill()
     assert found
     assert found <= LOOPBACK
-
-
-def _listening(pid: int) -> set[str]:
-    """The addresses on which a process listens, as the kernel writes them."""
-    links = [str(link.readlink()) for link in Path(f"/proc/{pid}/fd").iterdir() if link.is_symlink()]
-    inodes = {link[len("socket:[") : -1] for link in links if link.startswith("socket:[")}
-    lines = [
-        line.split() for table in ("tcp", "tcp6") for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
-    ]
-    return {line[1].rpartition(":")[0] for line in lines if line[3] == "0A" and line[9] in inodes}
