@@ -172,7 +172,7 @@ def measure(ten_million: bool, in_full: bool) -> None:
     }
     if ten_million:
         chains[10_000_000] = keep(OURS, 10_000_000, measured(select_then_density, 10_000_000))
-    sizes = [5_000, 10_000, 20_000, *([40_000] if in_full else [])]
+    sizes = [5_000, 10_000, 20_000, *([40_000, 100_000] if in_full else [])]
     peer, how = grown(SEARCH, scikit_search, sizes, chosen, 100_000)
     for count, run in chains.items():
         processor, bandwidth, selecting, error = run.result
@@ -296,7 +296,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ten-million", action="store_true", help="also 1e7 rows: some minutes, 4 GB")
     parser.add_argument(
-        "--in-full", action="store_true", help="scikit-learn's density at 1e5 rows and its search at 4e4 too"
+        "--in-full", action="store_true", help="scikit-learn's density and search at 1e5 rows too: half an hour"
     )
     parser.add_argument("--picture", type=Path, metavar="FILE", help="draw what was measured last, without measuring")
     parser.add_argument("--estimate", action="store_true", help="what 1e9 alternatives take, without measuring")
