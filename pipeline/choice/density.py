@@ -69,7 +69,7 @@ def choose_engine(features: ArrayLike, bandwidth: float, at: ArrayLike | None = 
         at: (M, F) points; the rows of `features` themselves if not given.
 
     Returns:
-        The cheapest engine within 2 GB of working memory; `exact` below four million pairs.
+        The cheapest engine within 2 GiB of working memory; `exact` below four million pairs.
 
     Raises:
         ArgumentError: an argument is out of range, or every engine would take more than four hours.
@@ -109,8 +109,8 @@ def _spectral(groups: DistinctRows, sigma: float, points: FloatArray | None) -> 
     slabs, cost = engines.slabs_within(groups.rows, total, None if points is None else len(points), sigma)
     if cost.memory_bytes > engines.MEMORY_BYTES:
         raise ArgumentError(
-            f"engine 'spectral' needs {cost.memory_bytes / 1e9:.1f} GB for the {len(slabs)} parts of its grid where "
-            f"{engines.MEMORY_BYTES / 1e9:g} GB are allowed; use a wider bandwidth, 'neighbours' or 'auto'."
+            f"engine 'spectral' needs {cost.memory_bytes / 2**30:.1f} GiB for the {len(slabs)} parts of its grid where "
+            f"{engines.MEMORY_BYTES / 2**30:g} GiB are allowed; use a wider bandwidth, 'neighbours' or 'auto'."
         )
     wanted = groups.rows if points is None else points
     least = groups.counts if points is None else 0.0  # a row's own kernel mass

@@ -23,7 +23,7 @@ from pipeline.errors import ArgumentError
 
 ENGINES = ("exact", "neighbours", "spectral")
 
-MEMORY_BYTES = 2e9  # what an engine may use beside the features
+MEMORY_BYTES = 2.0**31  # 2 GiB: what an engine may use beside the features
 LONGEST_S = 4 * 3600.0  # `auto` refuses what would take longer
 
 _COUNTED = 10_000  # rows that say how many lie where
@@ -87,7 +87,7 @@ def spectral(rows: FloatArray, total: float, points: int | None, sigma: float) -
 def slabs_within(
     rows: FloatArray, total: float, points: int | None, sigma: float
 ) -> tuple[tuple[Slab, ...], EngineChoice]:
-    """The fewest slabs that take up to 2 GB, or the most there may be, and their cost.
+    """The fewest slabs that take up to 2 GiB, or the most there may be, and their cost.
 
     Raises:
         ArgumentError: the kernel is too narrow for any grid.

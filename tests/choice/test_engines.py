@@ -44,7 +44,7 @@ def test_a_hundred_thousand_rows_against_direct_sums(features: int) -> None:
 def test_extreme_bandwidths(engine: str, features: int, sigma: float) -> None:
     rows = clustered(2000, features)
     if engine == "spectral" and sigma < (1e-9 if features == 1 else 1e-3):
-        with pytest.raises(ArgumentError, match=r"too narrow|GB are allowed"):
+        with pytest.raises(ArgumentError, match=r"too narrow|GiB are allowed"):
             log_density(rows, sigma, engine=engine)
         engine = "auto"
     exact = log_density(rows, sigma, engine="exact")
