@@ -51,7 +51,7 @@ def test_less_memory_means_more_slabs_and_the_same_sums(monkeypatch: pytest.Monk
     assert cost.memory_bytes <= 0.6 * memory
     np.testing.assert_allclose(log_density(rows, 0.02, engine="spectral"), whole, rtol=0, atol=1e-8)
     monkeypatch.setattr(engines, "MEMORY_BYTES", 1e5)
-    with pytest.raises(ArgumentError, match="GB for the 64 parts of its grid"):
+    with pytest.raises(ArgumentError, match="GiB for the 64 parts of its grid"):
         log_density(rows, 0.02, engine="spectral")
 
 
