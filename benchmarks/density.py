@@ -31,7 +31,7 @@ from benchmarks.measuring import Growth, Run, clustered, measured, record, secon
 from pipeline.choice import choose_engine, log_density, select_bandwidth
 from pipeline.choice.normaliser import partial_normaliser
 from pipeline.choice.partitions import sketch_slabs
-from pipeline.choice.sampled_score import RELATIVE_ERROR
+from pipeline.choice.sampled_score import SCORE_ERROR
 from pipeline.choice.sketch import Grid, Sketch
 from pipeline.stages.parts import PARTITIONS
 
@@ -239,7 +239,7 @@ def estimate() -> None:
     if slabs is None or len(slabs) > 1:
         raise SystemExit("the estimate is for one slab")
     each, grid = rows * -(-parts // cores), slabs[0].grid
-    scored = Grid.covering(lower, upper, 0.8 * sigma, 0.075, count, RELATIVE_ERROR)  # from the widest that is tried
+    scored = Grid.covering(lower, upper, 0.8 * sigma, 0.075, count, SCORE_ERROR)  # from the widest that is tried
     per_point = costs["grid of a transform, ns per point"] * 1e-9
     fft, smaller = (of.oversampled(rows) * per_point for of in (grid, scored))
     megabytes = 16e-6 * math.prod(grid.shape), 16e-6 * math.prod(scored.shape)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import statistics
+
+import finufft
+import numpy as np
 
 from benchmarks.measuring import clustered, seconds, show, timed
 from pipeline.choice import engines
 from pipeline.choice.pairs import Neighbours
 from pipeline.choice.sketch import Grid, Sketch
 from pipeline.choice.ties import distinct_rows
+
+GRIDS = (128, 250, 250), (96, 200, 200), (120, 240, 240), (96, 192, 192), (128, 256, 256), (160, 320, 320)
 
 
 def main() -> None:
@@ -30,6 +36,18 @@ def main() -> None:
         took = _median(lambda g=groups, grid=grid: Sketch.of(g.rows, grid, g.counts))
         rows.append(("one transform", f"{count:,} x {features}", f"{sigma}", seconds(predicted), seconds(took)))
     show("Cost model", ("what", "rows x features", "bandwidth", "predicted", "measured"), rows)
+    transforms = [(" x ".join(map(str, sizes)), _fft(sizes, -1), _fft(sizes, 1)) for sizes in GRIDS]
+    show("FINUFFT's own FFT, per point, by grid and sign", ("grid", "exp(-i ...)", "exp(i ...)"), transforms)
+
+
+def _fft(sizes: tuple[int, ...], sign: int) -> str:
+    """A transform of one point, which is all FFT."""
+    oversampling = 1.6
+    shape = [int(size / oversampling) for size in sizes]
+    plan = finufft.Plan(1, shape, eps=1e-12, isign=sign, nthreads=1, upsampfac=oversampling)
+    plan.setpts(*[np.zeros(1)] * len(sizes))
+    took = _median(lambda: plan.execute(np.ones(1, dtype=np.complex128)))
+    return f"{took / math.prod(sizes) * 1e9:.1f} ns"
 
 
 def _median(function: object) -> float:

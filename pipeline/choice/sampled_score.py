@@ -25,7 +25,7 @@ _SEED = 0
 _DRAWN = 50_000  # rows whose nearest neighbour is looked up
 _STRATUM = 2000  # of them, the most isolated ones are scored all, and about as many of the others
 _FIRST = 1000  # distinct rows whose own likelihood says where to start
-RELATIVE_ERROR = 1e-3  # of a row's kernel sum, at most: a twentieth and less of the standard errors
+SCORE_ERROR = 1e-3  # of a row's kernel sum, at most: a twentieth and less of the standard errors
 _NODES = np.array([0.15, 0.05, -0.05, -0.15])  # of log sigma, between which the score is a cubic
 _CUBIC = np.linalg.inv(np.vander(_NODES, increasing=True))
 _INNER = 0.12  # from their middle, a maximum is as good as that of the score
@@ -143,7 +143,7 @@ class SampledScore:
     scores differ most, the most repeated, and every k-th of the others in order of their isolation, each of which stands for k. The same
     rows are drawn for every order of the set. Wide bandwidths share the sketch of the set; narrow ones, and rows too
     isolated for it, are summed over neighbours. Either way the kernel sum of a row is good to 1e-3 of itself, by a bound far
-    above the error (sigma moved by 1e-8 of itself from a bound of 1e-4 to this one).
+    above the error (sigma moves by less than 1e-6 of itself from a bound of 1e-6 to this one).
 
     Args:
         rows: the set.
@@ -280,13 +280,13 @@ class SampledScore:
 
     def _grid(self, narrowest: float, widest: float) -> Grid:
         lower, upper = self._set.lower.tolist(), self._set.upper.tolist()
-        return Grid.covering(lower, upper, narrowest, widest, self._total, RELATIVE_ERROR)
+        return Grid.covering(lower, upper, narrowest, widest, self._total, SCORE_ERROR)
 
     def _neighbours_seconds(self, sigmas: FloatArray, points: NDArray[np.intp]) -> float:
         """All of the descending `sigmas` in one pass, which compares as many pairs as the widest needs."""
         if not len(sigmas):
             return 0.0
-        reach = cut_off(self._total, float(sigmas[0]), RELATIVE_ERROR)
+        reach = cut_off(self._total, float(sigmas[0]), SCORE_ERROR)
         share = engines.share_compared(self._distances, reach, LEAF / self._set.distinct)
         return engines.pass_seconds(points, share * self._set.distinct)
 
@@ -321,11 +321,11 @@ class SampledScore:
         log_sums = np.empty((len(sigmas), len(points)))
         wide = int(np.sum(sigmas >= self._narrowest))
         if wide < len(sigmas):
-            log_sums[wide:] = self._set.log_sums_of_others(points, sigmas[wide:], RELATIVE_ERROR)
+            log_sums[wide:] = self._set.log_sums_of_others(points, sigmas[wide:], SCORE_ERROR)
         if wide:
             log_sums[:wide], wrong = self._by_sketch(sigmas[:wide], points, own)
             if wrong.any():
-                others = self._set.log_sums_of_others(points[wrong], sigmas[:wide], RELATIVE_ERROR)
+                others = self._set.log_sums_of_others(points[wrong], sigmas[:wide], SCORE_ERROR)
                 log_sums[:wide, wrong] = others
         return log_sums
 
@@ -341,7 +341,7 @@ class SampledScore:
             found = list(pool.map(lambda sigma: sketch.sums(points, sigma), sigmas))
         for number, (sums, error) in enumerate(found):
             sums -= own
-            small = sums * RELATIVE_ERROR < error
+            small = sums * SCORE_ERROR < error
             log_sums[number] = np.log(np.where(small, 1.0, sums))
             wrong |= small
         return log_sums, wrong

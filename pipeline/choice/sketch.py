@@ -24,7 +24,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache, reduce
+from functools import reduce
 from operator import iadd
 from typing import TypeVar
 
@@ -47,8 +47,7 @@ _FINEST = 2e-14  # FINUFFT's tolerance in double precision ends about here
 _MANY = 2**18  # points that are worth a thread
 _SPREADING = 200  # points of kernels per point of the grid, where spreading takes thrice the time of the FFT
 _WIDEST = 16  # points of FINUFFT's widest kernel
-_FINER = 25  # hundredths by which a grid may be finer than it must
-_LARGE = 2**25  # points of an oversampled grid (0.5 GB) above which memory counts for more than time
+_LARGE = 2**25  # points of an oversampled grid (0.5 GB) above which it is oversampled less than twice
 
 _FORWARD = {1: finufft.nufft1d1, 2: finufft.nufft2d1, 3: finufft.nufft3d1}
 _BACKWARD = {1: finufft.nufft1d2, 2: finufft.nufft2d2, 3: finufft.nufft3d2}
@@ -153,9 +152,16 @@ class Grid:
         return [slice(points // 2), slice(points // 2, None)]
 
     def oversampling(self, points: int) -> float:
-        """Of FINUFFT's own grid: twice, or less where its FFT costs more than the points."""
+        """Of FINUFFT's own grid: twice, or less where its FFT costs more than the points.
+
+        A kernel of width w reaches eps = exp(-pi w sqrt(1 - 1 / u)); the widest has 16 points. A tenth more keeps the
+        error of three dimensions near eps.
+        """
         double = math.prod(self.shape) * 2 ** len(self.shape)
-        return 2.0 if double <= min(25 * points, _LARGE) else _least_oversampling(self.shape, self.eps)
+        if double <= min(25 * points, _LARGE):
+            return 2.0
+        least = 1 / (1 - (math.log(self.eps) / (_WIDEST * math.pi)) ** 2)
+        return max(least + 0.1, 1.25)
 
     def width(self, points: int) -> float:
         """Of FINUFFT's kernel, in points of its own grid."""
@@ -166,28 +172,8 @@ class Grid:
         return float(math.prod(_sizes(self.shape, self.oversampling(points))))
 
 
-@lru_cache(maxsize=1024)
-def _least_oversampling(shape: tuple[int, ...], eps: float) -> float:
-    """The least that reaches eps, or somewhat more where the FFT then takes less time.
-
-    A kernel of width w reaches eps = exp(-pi w sqrt(1 - 1 / u)); the widest has 16 points. A tenth more keeps the error of
-    three dimensions near eps. FFTW takes about twice the time, all lines of the first dimension being side by side in
-    memory, where the other sizes are multiples of 16, as the caches have powers of two: 31 to 33 ns per point of 120 x 240 x 240,
-    15 of 128 x 250 x 250.
-    """
-    least = max(1 / (1 - (math.log(eps) / (_WIDEST * math.pi)) ** 2) + 0.1, 1.25)
-
-    def cost(oversampling: float) -> float:
-        sizes = _sizes(shape, oversampling)
-        return math.prod(sizes) * math.prod(2.0 if size % 64 == 0 else 1.4 for size in sizes[1:] if size % 16 == 0)
-
-    if math.prod(_sizes(shape, least)) > _LARGE:
-        return least
-    return min((least + 0.01 * step for step in range(_FINER)), key=cost)
-
-
 def _sizes(shape: tuple[int, ...], oversampling: float) -> tuple[int, ...]:
-    """Of FINUFFT's own grid: even numbers without prime factors above 5."""
+    """Of FINUFFT's own grid, at least 32 each: even numbers without prime factors above 5."""
     halves = (math.ceil(max(oversampling * count / 2, _WIDEST)) for count in shape)
     return tuple(2 * int(next_fast_len(half, real=True)) for half in halves)
 
@@ -236,10 +222,11 @@ class Sketch:
         def transform(part: slice) -> NDArray[np.complex128]:
             some = rows[part]
             coefficients = _FORWARD[len(grid.modes)](
-                *grid.phases(some), strengths[part] / grid.shift(some), shape,
-                eps=grid.eps, isign=-1, nthreads=1, upsampfac=grid.oversampling(len(some)),
+                *grid.phases(some), strengths[part] * grid.shift(some), shape,
+                eps=grid.eps, isign=1, nthreads=1, upsampfac=grid.oversampling(len(some)),
             )  # fmt: skip
-            return np.asarray(coefficients)
+            # the conjugate, as FFTW takes up to twice the time for the other sign (benchmarks/unit_costs.py)
+            return np.asarray(np.conjugate(coefficients, out=coefficients))
 
         coefficients = reduce(iadd, _side_by_side(transform, grid.parts(len(rows))))
         return cls(grid, coefficients, float(total))

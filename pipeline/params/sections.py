@@ -146,7 +146,7 @@ class Compute(_Section):
     """How large sets of alternatives are computed, and where; `scheduler` changes no result."""
 
     partition: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
-    memory_gb: Positive
+    memory_gb: Positive = 1.0
     scheduler: Annotated[str, Field(pattern=r"^(tcp|tls)://[^/\s]+:\d+$")] | None
 
 

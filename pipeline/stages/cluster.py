@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -36,30 +37,34 @@ class Remote:
         """Until the result is on some worker.
 
         Raises:
-            StageError: the cluster has given up.
+            StageError: the cluster has given up, or no worker has come for too long.
         """
         with self._given_up():
-            if self._asked(self.call.exception) is not None:
+            self._arrived()
+            if self.call.status != "finished":
                 self.call.result()
 
     def result(self) -> Any:
         """Wait for the result and bring it here.
 
         Raises:
-            StageError: the cluster has given up.
+            StageError: as `wait`.
         """
         with self._given_up():
-            return self._asked(self.call.result)
+            self._arrived()
+            return self.call.result()
 
-    def _asked(self, question: Callable[[float], Any]) -> Any:
-        """The answer, unless no worker has come for too long."""
+    def _arrived(self) -> None:
+        """Look from time to time whether there still are workers.
+
+        What `distributed` offers with a timeout counts the transfer of a result too, and fails at random near its end.
+        """
         deserted = None
-        while True:
-            try:
-                return question(_LOOK_S)
-            except TimeoutError:
-                if self.call.done():  # so it is what the call raised
-                    raise
+        while not self.call.done():
+            there = threading.Event()
+            self.call.add_done_callback(lambda _, there=there: there.set())
+            if there.wait(_LOOK_S):
+                continue
             if self.call.client.nthreads():
                 deserted = None
                 continue
@@ -81,7 +86,7 @@ class Remote:
         except (KilledWorker, FutureCancelledError, CommClosedError) as error:
             raise StageError(
                 f"the cluster of {self.scheduler} gave up ({type(error).__name__}: {' '.join(str(error).split())}); its logs "
-                "say why, most often a worker had too little memory for compute.partition; then run this again"
+                "say why, most often a worker had too little memory for compute.partition and compute.memory_gb; then run this again"
             ) from None
 
     def cancel(self) -> Any:
@@ -89,13 +94,12 @@ class Remote:
         self.call.cancel()
 
 
-Submit: TypeAlias = Callable[[Callable[[Any], Any], Any], Remote]
-Join: TypeAlias = Callable[[Callable[[Any, Any], Any], Remote, Remote], Remote]
+Call: TypeAlias = Callable[..., Remote]
 
 
 @contextmanager
-def connected(scheduler: str) -> Iterator[tuple[int, Submit, Join]]:
-    """How many parts to have under way, how to begin one, and how to merge two results where they are.
+def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
+    """How many cores there are now, and how to begin a call of a function with any arguments, results under way among them.
 
     Raises:
         StageError: the scheduler cannot be reached, has no workers, or is lost.
@@ -116,14 +120,12 @@ def connected(scheduler: str) -> Iterator[tuple[int, Submit, Join]]:
         ) from None
     program = fingerprint()
 
-    def submit(function: Callable[[Any], Any], job: Any) -> Remote:
+    def call(function: Callable[..., Any], *arguments: Any) -> Remote:
+        known = [argument.call if isinstance(argument, Remote) else argument for argument in arguments]
         # a key of its own for each call: the files that a job names may be others than in an earlier run
-        call = client.submit(partial(_checked, program, function), job, pure=False, retries=RETRIES)
-        return Remote(call, scheduler)
-
-    def join(merge: Callable[[Any, Any], Any], one: Remote, other: Remote) -> Remote:
-        call = client.submit(partial(_checked, program, merge), one.call, other.call, pure=False, retries=RETRIES)
-        return Remote(call, scheduler)
+        return Remote(
+            client.submit(partial(_checked, program, function), *known, pure=False, retries=RETRIES), scheduler
+        )
 
     with client:
         try:
@@ -133,7 +135,7 @@ def connected(scheduler: str) -> Iterator[tuple[int, Submit, Join]]:
                 f"the scheduler {scheduler} has had no worker for {_STARTING_S} s; start workers, or set compute.scheduler "
                 "to null"
             ) from None
-        yield 2 * sum(client.nthreads().values()), submit, join
+        yield lambda: max(sum(client.nthreads().values()), 1), call
 
 
 def _checked(program: str, function: Callable[..., Any], *arguments: Any) -> Any:

@@ -86,7 +86,7 @@ def run(project: Project, name: str) -> None:
                         for rows in _streamed(project, pool, features, one, bandwidth):
                             table.add(rows)
                 else:
-                    jobs = [(features, batch, bandwidth) for batch in batches(list(some), 4 * pool.count, partition)]
+                    jobs = [(features, batch, bandwidth) for batch in batches(list(some), 4 * pool.cores(), partition)]
                     for tables in pool.mapped(set_densities, jobs, f"density {name}"):
                         for rows in tables:  # one by one, as the batches depend on the number of cores
                             table.add(rows)
@@ -147,7 +147,8 @@ def _streamed(
     partition, what = project.params.compute.partition, f"density {one.set_id}"
     parts = tuple(one.between(first, first + count) for first, count in cut(one.rows, PARTITIONS * partition))
     spread = pool.merged(spread_of, [(features, rows) for rows in parts], Spread.__add__, f"{what}: bounds")
-    memory_bytes, longest_part = 1e9 * project.params.compute.memory_gb, min(one.rows, PARTITIONS * partition)
+    memory_bytes = 1e9 * project.params.compute.memory_gb
+    longest_part = min(one.rows, PARTITIONS * partition)
     sigma = _bandwidth(pool, features, one, parts, spread, bandwidth, memory_bytes, what)
     lower, upper = spread.lower.tolist(), spread.upper.tolist()
     slabs = sketch_slabs(lower, upper, sigma.value, one.rows, longest_part, memory_bytes)
@@ -160,10 +161,11 @@ def _streamed(
             rows = read_pieces(features.path, "features", one.between(first, first + count), [*GROUPS, "id"])
             yield _rows(rows, sigma, log_sums[first : first + count], engine)
         return
-    if seconds > LONGEST_S * pool.count:
+    cores = pool.cores()
+    if seconds > LONGEST_S * cores:
         raise StageError(
             f"the kernel sums of the set {one.set_id!r} of {one.rows:,} alternatives at bandwidth {sigma.value:g} would take "
-            f"about {seconds / 3600 / pool.count:.0f} hours on {pool.count} cores; use more workers (docs/cluster.md), a larger "
+            f"about {seconds / 3600 / cores:.0f} hours on {cores} cores; use more workers (docs/cluster.md), a larger "
             "compute.memory_gb, a wider density.bandwidth or fewer alternatives"
         )
     scratch = project.root / SCRATCH

@@ -56,7 +56,7 @@ def run(project: Project, name: str) -> None:
         )
         file, specs = scene_file(scene), json.dumps({key: dict(spec) for key, spec in task.features.items()})
         parts = part_rows(sources[1], "alternatives")
-        portions = -(-pool.count // len(parts))  # fewer parts than cores are cut
+        portions = -(-pool.cores() // len(parts))  # fewer parts than cores are cut
         pieces = [
             [Piece(part, first, count) for first, count in cut(rows, -(-rows // portions))]
             for part, rows in enumerate(parts)

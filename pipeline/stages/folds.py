@@ -44,12 +44,14 @@ class Workers:
     """Where functions of parts are computed.
 
     Attributes:
-        count: parts that can be computed at once.
+        cores: how many parts can be computed at once, now.
+        ahead: parts that are under way for each core.
         submit: begins a call of a function with one job.
         join: begins to merge two results where they are.
     """
 
-    count: int
+    cores: Callable[[], int]
+    ahead: int
     submit: Callable[[Callable[[Any], Any], Any], Future]
     join: Callable[[Callable[[Any, Any], Any], Any, Any], Future]
 
@@ -92,7 +94,9 @@ class Workers:
             found.wait()
             height = 0
             while trees and trees[-1][0] == height:
-                found, height = self.join(merge, trees.pop()[1], found), height + 1
+                earlier = trees.pop()[1]
+                earlier.wait()  # a merge that fails is not found out at the end
+                found, height = self.join(merge, earlier, found), height + 1
             trees.append((height, found))
         last = trees.pop()[1]
         while trees:
@@ -103,7 +107,7 @@ class Workers:
         waiting, started = iter(jobs), deque[Future]()
         try:
             for _ in tracked(jobs, what):
-                for job in _up_to(self.count + 1 - len(started), waiting):
+                for job in _up_to(self.ahead * self.cores() + 1 - len(started), waiting):
                     started.append(self.submit(function, job))
                 yield started.popleft()
         finally:
@@ -122,14 +126,15 @@ def workers(project: Project) -> Iterator[Workers]:
     if scheduler is not None:
         from pipeline.stages.cluster import connected
 
-        with connected(scheduler) as (count, submit, join):
-            yield Workers(count, submit, join)
+        with connected(scheduler) as (cores, call):
+            yield Workers(cores, 2, call, call)  # while one is computed, the next is on its way
         return
     count = os.cpu_count() or 1
     pool = ThreadPoolExecutor(count)
     try:
         yield Workers(
-            count,
+            lambda: count,
+            1,
             lambda function, job: Local(pool.submit(function, job)),
             lambda merge, one, other: Local(_done(merge(one.result(), other.result()))),
         )

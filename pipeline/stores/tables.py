@@ -84,11 +84,10 @@ class TableWriter:
 
         arrow = _conform(part, self._contract, self._path).replace_schema_metadata(self._metadata)
         if self._file is None:
-            # hardly two numbers of a trajectory are alike, and to look for them takes most of the time
-            flat = [field.name for field in arrow.schema if not _is_trajectory(field.type)]
             self._file = pq.ParquetWriter(
-                self._stream, arrow.schema, compression="zstd", use_dictionary=flat, write_page_checksum=True
-            )
+                self._stream, arrow.schema, compression="zstd", use_dictionary=_repeating(arrow.schema),
+                write_page_checksum=True,
+            )  # fmt: skip
         elif arrow.schema != self._file.schema:
             raise TableError(
                 f"{self._path}: a part of table {self._contract.name!r} has the columns {', '.join(arrow.schema.names)} "
@@ -104,10 +103,20 @@ class TableWriter:
             self._file.close()
 
 
-def _is_trajectory(type_: pa.DataType) -> bool:
+def _repeating(columns: pa.Schema) -> list[str]:
+    """Parquet's names of the columns written with a dictionary: all but trajectories.
+
+    Hardly two numbers of a trajectory are alike, and to look for them takes most of the time of writing.
+    """
     import pyarrow as pa
 
-    return isinstance(type_, pa.FixedSizeListType) and isinstance(type_.value_type, pa.FixedSizeListType)
+    names = []
+    for column in columns:
+        if not isinstance(column.type, pa.FixedSizeListType | pa.ListType):
+            names.append(column.name)
+        elif not isinstance(column.type.value_type, pa.FixedSizeListType | pa.ListType):
+            names.append(f"{column.name}.list.element")
+    return names
 
 
 class KeyRanges:

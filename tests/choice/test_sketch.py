@@ -9,7 +9,7 @@ import finufft
 import numpy as np
 import pytest
 
-from pipeline.choice.sketch import Grid, Sketch, _least_oversampling, _sizes
+from pipeline.choice.sketch import Grid, Sketch, _sizes
 from pipeline.errors import ArgumentError
 
 
@@ -88,17 +88,8 @@ def test_the_grid_of_a_transform_is_the_one_that_finufft_makes(
     shape: tuple[int, ...], capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Its size is what a transform is predicted to cost by."""
-    oversampling = _least_oversampling(shape, 1e-12)
-    finufft.Plan(1, shape, eps=1e-12, nthreads=1, upsampfac=oversampling, debug=1)
+    finufft.Plan(1, shape, eps=1e-12, nthreads=1, upsampfac=1.53, debug=1)
     stated = re.search(r"\(nf1,nf2,nf3\)=\(([^)]*)\)", capfd.readouterr().out)
     assert stated is not None
     made = tuple(map(int, stated[1].split(",")))
-    assert _sizes(shape, oversampling) == made[: len(shape)][::-1]  # the fastest comes first
-
-
-def test_a_somewhat_finer_grid_is_taken_where_its_lines_are_no_multiples_of_sixteen() -> None:
-    least = 1 / (1 - (np.log(1e-12) / (16 * np.pi)) ** 2) + 0.1
-    assert _sizes((76, 153, 149), least) == (120, 240, 240)
-    finer = _least_oversampling((76, 153, 149), 1e-12)
-    assert least < finer < least + 0.25
-    assert _sizes((76, 153, 149), finer) == (128, 250, 250)
+    assert _sizes(shape, 1.53) == made[: len(shape)][::-1]  # the fastest comes first

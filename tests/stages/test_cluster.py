@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import operator
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -103,6 +105,14 @@ def alive(cluster: Cluster) -> int:
         return len(client.scheduler_info(n_workers=-1)["workers"])
 
 
+def await_workers(cluster: Cluster) -> None:
+    for _ in range(300):
+        if alive(cluster) == 2:
+            return
+        time.sleep(0.1)
+    raise AssertionError("the workers do not come")
+
+
 def test_a_cluster_that_loses_a_worker_half_way_gives_the_same_bytes(
     make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -156,10 +166,10 @@ def test_a_cluster_that_has_lost_all_workers_is_given_up(
     make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     large["compute"]["scheduler"] = cluster.address
-    monkeypatch.setattr(cluster_module, "_LOOK_S", 0.2)
-    monkeypatch.setattr(cluster_module, "_STARTING_S", 2)
     with folds.workers(make_project(large)) as pool:
         assert list(pool.mapped(str, [1, 2], "numbers")) == ["1", "2"]
+        monkeypatch.setattr(cluster_module, "_LOOK_S", 0.2)
+        monkeypatch.setattr(cluster_module, "_STARTING_S", 2)
         with pytest.raises(TimeoutError, match="its own"):
             list(pool.mapped(_late, [0], "numbers"))
         for worker in cluster.workers:
@@ -168,16 +178,55 @@ def test_a_cluster_that_has_lost_all_workers_is_given_up(
             list(pool.mapped(str, [1, 2], "numbers"))
 
 
+def test_looks_at_the_workers_disturb_no_result(
+    make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Looks about as far apart as calls take, and results whose transfer takes longer than that."""
+    large["compute"]["scheduler"] = cluster.address
+    monkeypatch.setattr(cluster_module, "_LOOK_S", 0.02)
+    with folds.workers(make_project(large)) as pool:
+        assert list(pool.mapped(_slow, range(100), "numbers")) == [str(number) for number in range(100)]
+        (found,) = pool.mapped(bytes, [50_000_000], "many")
+        assert len(found) == 50_000_000
+
+
+def test_a_worker_lost_while_results_are_merged_changes_nothing(
+    make_project: MakeProject, large: dict[str, Any], cluster: Cluster
+) -> None:
+    with folds.workers(make_project(large)) as pool:
+        here = pool.merged(str, range(60), _pair, "numbers")
+    large["compute"]["scheduler"] = cluster.address
+    await_workers(cluster)
+    with folds.workers(make_project(large)) as pool:
+        killing = threading.Timer(0.7, cluster.workers[0].kill)
+        killing.start()
+        assert pool.merged(_slow, range(60), _pair, "numbers") == here
+        killing.join()
+        assert cluster.workers[0].wait(10) == -signal.SIGKILL
+
+
+def test_a_merge_that_fails_ends_the_fold_at_once(
+    make_project: MakeProject, large: dict[str, Any], cluster: Cluster
+) -> None:
+    large["compute"]["scheduler"] = cluster.address
+    begin = time.monotonic()
+    with folds.workers(make_project(large)) as pool, pytest.raises(TypeError, match="unsupported operand"):
+        pool.merged(_slow, range(10_000), operator.sub, "numbers")  # eight minutes in all
+    assert time.monotonic() - begin < 60
+
+
+def _slow(number: int) -> str:
+    time.sleep(0.05)
+    return str(number)
+
+
 def _late(_: int) -> None:
     raise TimeoutError("its own")
 
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="no /proc to read the listening sockets from")
-def test_what_the_documented_commands_start_listens_on_the_loopback_address_alone(cluster: Cluster) -> None:
-    for _ in range(100):
-        if alive(cluster) == 2:
-            break
-        time.sleep(0.1)
+def test_dask_with_these_options_listens_on_the_loopback_address_alone(cluster: Cluster) -> None:
+    await_workers(cluster)
     for running in (cluster.scheduler, *cluster.workers):
         found = listening(running.pid)
         assert found

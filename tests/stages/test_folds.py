@@ -279,7 +279,7 @@ def test_results_come_in_the_order_of_the_jobs_and_few_are_under_way(
     with folds.workers(make_project(large)) as pool:
         results = pool.mapped(squared, range(1000), "squares")
         assert [next(results) for _ in range(3)] == [0, 1, 4]
-        assert len(begun) <= 3 + pool.count + 1
+        assert len(begun) <= 3 + pool.cores() + 1
         results.close()
         with pytest.raises(StageError, match="number 5"):
             list(pool.mapped(_failing, range(1000), "failures"))
@@ -296,6 +296,8 @@ def test_results_are_merged_as_a_tree_of_neighbours(
         assert pool.merged(str, range(count), lambda one, other: f"({one}{other})", "numbers") == tree
         with pytest.raises(StageError, match="number 5"):
             pool.merged(_failing, range(1000), max, "failures")
+        with pytest.raises(TypeError, match="not supported"):
+            pool.merged(lambda number: number if number else None, range(1000), max, "failures")
 
 
 def test_few_results_wait_to_be_merged(make_project: MakeProject, large: dict[str, Any]) -> None:
@@ -312,7 +314,7 @@ def test_few_results_wait_to_be_merged(make_project: MakeProject, large: dict[st
 
     with folds.workers(make_project(large)) as pool:
         pool.merged(lambda _: Counted(), range(1000), lambda one, other: Counted(), "objects")
-        assert most[0] <= pool.count + 1 + 10 + 3
+        assert most[0] <= pool.cores() + 1 + 10 + 3
 
 
 def _failing(number: int) -> int:

@@ -38,6 +38,28 @@ def test_a_table_comes_back_with_its_provenance_and_in_the_schemas_order(tmp_pat
     assert read_provenance(path) == {"seed": 3}
 
 
+def test_all_but_trajectories_are_written_with_dictionaries(tmp_path: Path) -> None:
+    write_table(tmp_path / "table", "demonstrations", demonstrations(), {})
+    row_group = pq.ParquetFile(tmp_path / "table").metadata.row_group(0)
+    columns = [row_group.column(number) for number in range(row_group.num_columns)]
+    encoded = {column.path_in_schema: "RLE_DICTIONARY" in column.encodings for column in columns}
+    assert not encoded.pop("waypoints.list.element.list.element")
+    assert encoded.pop("simulated") is encoded.pop("salvaged") is False  # one bit each
+    assert encoded
+    assert all(encoded.values())
+    posteriors = pl.DataFrame(
+        {
+            "task": "t", "demonstration_id": "d", "participant": "p", "model": "less", "set_size": 3,
+            "set_id": "00", "theta_id": [0, 1], "theta": pl.Series(np.eye(2)), "beta": 1.0, "log_posterior": -0.7,
+            "posterior": 0.5,
+        }
+    )  # fmt: skip
+    write_table(tmp_path / "posteriors", "posteriors", posteriors, {})
+    row_group = pq.ParquetFile(tmp_path / "posteriors").metadata.row_group(0)
+    columns = [row_group.column(number) for number in range(row_group.num_columns)]
+    assert all("RLE_DICTIONARY" in column.encodings for column in columns)
+
+
 def test_equal_tables_give_equal_bytes(tmp_path: Path) -> None:
     for name in ("one", "two"):
         write_table(tmp_path / name, "demonstrations", demonstrations(), {"seed": 3})
