@@ -5,8 +5,8 @@ them; ratios are of processor seconds, which other work on the machine disturbs 
 two threads for some of its steps, whose seconds both count; the peers take one. Peers that would run for hours are
 measured up to 20,000 or 40,000 rows and extrapolated by their own growth between the two largest; the table says so.
 
-What was measured is kept in benchmarks/results/density.json; `--picture FILE` draws it and `--estimate` computes from it,
-and from replay.json and tables.json, what a thousand million alternatives would take, both without measuring again.
+What was measured is kept in benchmarks/results/density.json; `--picture FILE` draws it without measuring again, and
+`python -m benchmarks.estimate` computes from it what a thousand million alternatives would take.
 
 "Selecting among 20 bandwidths" is GridSearchCV for the peer: 20 bandwidths around the best, five folds, all rows. Ours has
 no grid: leave-one-out likelihood of about 4000 rows against all, its maximum, with its standard error.
@@ -15,8 +15,6 @@ no grid: leave-one-out likelihood of about 4000 rows against all, its maximum, w
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,18 +25,14 @@ from scipy.stats import gaussian_kde
 from sklearn.model_selection import GridSearchCV
 from sklearn.neighbors import KernelDensity
 
-from benchmarks.measuring import Growth, Run, clustered, measured, record, seconds, show
+from benchmarks.measuring import Growth, Run, clustered, known, measured, record, seconds, show
 from pipeline.choice import choose_engine, log_density, select_bandwidth
 from pipeline.choice.normaliser import partial_normaliser
-from pipeline.choice.partitions import sketch_slabs
-from pipeline.choice.sampled_score import SCORE_ERROR
 from pipeline.choice.sketch import Grid, Sketch
-from pipeline.stages.parts import PARTITIONS
 
 RELATIVE = 1e-6  # tolerance given to scikit-learn
 BANDWIDTHS = 20
 SIGMA = 0.05
-RESULTS = Path(__file__).parent / "results"
 OURS, SEARCH, ITS_DENSITY, SCIPY = (
     "ours, bandwidth and density", "scikit-learn, 20 bandwidths and density", "scikit-learn, density", "scipy, density",
 )  # fmt: skip
@@ -222,74 +216,11 @@ def measure(ten_million: bool, in_full: bool) -> None:
     )
 
 
-def estimate() -> None:
-    """What a thousand million alternatives take on a cluster, from unit costs: a table in Markdown.
-
-    Parts, slabs and grids are those that the program itself would take.
-    """
-    costs = {**_known("replay"), **_known("tables"), **_known("density")}
-    count, cores, partition, memory_gb, waypoints, hypotheses = 10**9, 512, 200_000, 14, 41, 171
-    rows = PARTITIONS * partition
-    parts = count // rows
-    # the selected bandwidth narrows with the seventh root, and so does the spacing of the grid
-    sigma = 0.0207 / (count / 1e6) ** (1 / 7)
-    box = clustered(1_000_000)
-    lower, upper = box.min(axis=0).tolist(), box.max(axis=0).tolist()
-    slabs = sketch_slabs(lower, upper, sigma, count, rows, memory_gb * 1e9)
-    if slabs is None or len(slabs) > 1:
-        raise SystemExit("the estimate is for one slab")
-    each, grid = rows * -(-parts // cores), slabs[0].grid
-    scored = Grid.covering(lower, upper, 0.8 * sigma, 0.075, count, SCORE_ERROR)  # from the widest that is tried
-    per_point = costs["grid of a transform, ns per point"] * 1e-9
-    fft, smaller = (of.oversampled(rows) * per_point for of in (grid, scored))
-    megabytes = 16e-6 * math.prod(grid.shape), 16e-6 * math.prod(scored.shape)
-    rounds = math.ceil(math.log2(parts))
-    draw = costs["drawing, mixture, us per trajectory"]
-    replay = costs["replay and 3 features, us per configuration, one core"]
-    sketch, back = costs["sketch, us per row beside the grid"], costs["density at rows, us per row beside the grid"]
-    posterior = costs["posterior, 20 demonstrations, ns per row and hypothesis"]
-    written = [costs[f"{name}, written, us per row"] for name in ("alternatives", "features", "densities")]
-    read = costs["alternatives, keys read, us per row"] + 2 * costs["features, keys read, us per row"]
-    size = sum(costs[f"{name}, bytes per row"] for name in ("alternatives", "features", "densities"))
-    every, alone = "each core", "the stage"
-    steps = [
-        ("sampling", every, f"{draw:.3g} us x {each:,}", draw * each * 1e-6),
-        ("replay, features", every, f"{replay:.3g} us x {waypoints} x {each:,}", replay * waypoints * each * 1e-6),
-        ("sketch for the bandwidth", every, f"{sketch:.3g} us x {each:,} + grid {smaller:.3g} s", sketch * each * 1e-6 + smaller),
-        ("bandwidth, ten scored by it, two at a time", alone, f"5 x {smaller:.3g} s", 5 * smaller),
-        ("sketch", every, f"{sketch:.3g} us x {each:,} + grid {fft:.3g} s", sketch * each * 1e-6 + fft),
-        (
-            f"adding up {parts} sketches, twice", every, f"{rounds} rounds of {sum(megabytes):,.0f} MB at 1 GB/s",
-            rounds * sum(megabytes) * 1e-3,
-        ),
-        ("density at all rows", every, f"{back:.3g} us x {each:,} + grid {fft:.3g} s", back * each * 1e-6 + fft),
-        ("posterior", every, f"{posterior:.3g} ns x {hypotheses} x {each:,}", posterior * hypotheses * each * 1e-9),
-        ("keys of all rows", alone, f"{read:.3g} us x 1e9", read * 1e-6 * count),
-        *(
-            (f"writing {name}", alone, f"{took:.3g} us x 1e9", took * 1e-6 * count)
-            for name, took in zip(("alternatives", "features", "densities"), written, strict=True)
-        ),
-    ]  # fmt: skip
-    print("| step | on | what | seconds |\n|---|---|---|---|")
-    sums = [(f"all of {who}", "", "", sum(took for _, by, _, took in steps if by == who)) for who in (every, alone)]
-    for step, by, arithmetic, took in [*steps, *sums]:
-        print(f"| {step} | {by} | {arithmetic} | {took:,.0f} |")
-    print(
-        f"\n{count:.0e} alternatives, {size * count / 1e12:.2g} TB of tables, compute.partition {partition:,}, compute.memory_gb "
-        f"{memory_gb}, {cores} cores; bandwidth {sigma:.4f}, grid {' x '.join(map(str, grid.shape))} of "
-        f"{grid.oversampled(rows) * 16 / 1e9:.1f} GB oversampled; unit costs of {costs['date']}, {costs['machine']}"
-    )
-
-
-def _known(file: str) -> dict[str, Any]:
-    return dict(json.loads((RESULTS / f"{file}.json").read_text(encoding="utf-8")))
-
-
 def draw(path: Path) -> None:
     """Time and memory against N, measured points and the peers' own growth onwards, on logarithmic axes."""
     from benchmarks.scale_picture import draw_scale
 
-    draw_scale(_known("density"), path, (OURS, SEARCH, ITS_DENSITY, SCIPY))
+    draw_scale(known("density"), path, (OURS, SEARCH, ITS_DENSITY, SCIPY))
 
 
 def main() -> None:
@@ -299,13 +230,10 @@ def main() -> None:
         "--in-full", action="store_true", help="scikit-learn's density and search at 1e5 rows too: half an hour"
     )
     parser.add_argument("--picture", type=Path, metavar="FILE", help="draw what was measured last, without measuring")
-    parser.add_argument("--estimate", action="store_true", help="what 1e9 alternatives take, without measuring")
     options = parser.parse_args()
     if options.picture:
         draw(options.picture)
-    if options.estimate:
-        estimate()
-    if not (options.picture or options.estimate):
+    else:
         measure(options.ten_million, options.in_full)
 
 

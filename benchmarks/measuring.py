@@ -20,6 +20,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+RESULTS = Path(__file__).parent / "results"
+
 
 @dataclass(frozen=True)
 class Run:
@@ -92,13 +94,18 @@ def show(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> N
 
 def record(file: str, costs: dict[str, float]) -> None:
     """Keep unit costs in benchmarks/results/`file`.json, beside those of other commands, with machine and date."""
-    path = Path(__file__).parent / "results" / f"{file}.json"
+    path = RESULTS / f"{file}.json"
     path.parent.mkdir(exist_ok=True)
-    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    known.update({name: float(f"{value:.3g}") for name, value in costs.items()})
-    known["date"] = datetime.date.today().isoformat()
-    known["machine"] = f"{_processor()}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}"
-    path.write_text(json.dumps(known, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    kept = known(file) if path.is_file() else {}
+    kept.update({name: float(f"{value:.3g}") for name, value in costs.items()})
+    kept["date"] = datetime.date.today().isoformat()
+    kept["machine"] = f"{_processor()}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}"
+    path.write_text(json.dumps(kept, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def known(file: str) -> dict[str, Any]:
+    """What `record` kept."""
+    return dict(json.loads((RESULTS / f"{file}.json").read_text(encoding="utf-8")))
 
 
 def _processor() -> str:
