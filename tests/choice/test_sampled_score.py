@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -118,3 +119,16 @@ def test_beyond_reach() -> None:
 def test_rows_closer_than_squares_can_tell_are_refused() -> None:
     with pytest.raises(BandwidthError, match="scale the features up"):
         select_bandwidth(np.arange(6000.0)[:, None] * 1e-170)
+
+
+def test_bandwidths_scored_two_at_a_time_are_those_scored_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows, asked = clustered(20_000, 2), []
+
+    def alone(threads: int) -> ThreadPoolExecutor:
+        asked.append(threads)
+        return ThreadPoolExecutor(1)
+
+    together = select_bandwidth(rows)
+    monkeypatch.setattr(sampled_score, "ThreadPoolExecutor", alone)
+    assert select_bandwidth(rows) == together
+    assert set(asked) == {2}
