@@ -27,7 +27,8 @@ ROWS = PARTITIONS * PARTITION  # of a part
 PARTS = COUNT // ROWS
 SCORED, SOME = 4000, 1000  # rows that are scored, and those that say about where
 TABLES = ("alternatives", "features", "densities")
-READ = {"alternatives": 1, "features": 5, "densities": 4}  # how often the stages read their keys, all of them together
+# how often the stages read the keys of each table, all together: calls of `read_part` by featurize, density and infer, counted
+READ = {"alternatives": 1, "features": 5, "densities": 4}
 EVERY, ALONE = "each core", "the stage"
 
 
@@ -75,7 +76,8 @@ def main() -> None:
     finest = [sigma * math.exp(step) for step in (0.15, 0.05, -0.05, -0.15)]
 
     def served(one: float) -> bool:
-        return Grid.covering(lower, upper, one, widest, COUNT, SCORE_ERROR).modes <= scored.modes
+        needed = Grid.covering(lower, upper, one, widest, COUNT, SCORE_ERROR).modes
+        return all(mode <= known_mode for mode, known_mode in zip(needed, scored.modes, strict=True))
 
     wide, narrow = [one for one in tried + finest if served(one)], [one for one in tried if not served(one)]
     both = 2 * engines.transform_bytes(scored, SCORED) <= MEMORY_GB * 1e9
