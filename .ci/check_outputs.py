@@ -8,11 +8,11 @@ from pathlib import Path
 import polars as pl
 
 import schemas
+from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.duckdb.views import FILES, INPUTS
+from pipeline.formats.parquet.tables import read_table
 from pipeline.params import load
-from pipeline.stores.catalog import ask
-from pipeline.stores.catalog_views import FILES, INPUTS
-from pipeline.stores.tables import read_table
-from pipeline.stores.viewer import quiet_environment
+from pipeline.views.rerun.recording import quiet_environment
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLES = sorted(name for name in schemas.names() if not name.startswith(("human_choice", "grid_world")))

@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def main() -> None:
     """Replace each stage's `- pipeline/...` lines by the files of its module's closure."""
-    graph = runpy.run_path(str(ROOT / "tests" / "test_dvc.py"))
+    graph = runpy.run_path(str(ROOT / "tests" / "stages" / "test_graph.py"))
     page = ROOT / "dvc.yaml"
     blocks = re.split(r"(?m)^(?=  [\w-]+:$)", page.read_text(encoding="utf-8"))
     for place, block in enumerate(blocks):

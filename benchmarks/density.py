@@ -27,8 +27,8 @@ from sklearn.neighbors import KernelDensity
 
 from benchmarks.measuring import Growth, Run, clustered, known, measured, record, seconds, show
 from pipeline.choice import choose_engine, log_density, select_bandwidth
-from pipeline.choice.normaliser import partial_normaliser
-from pipeline.choice.sketch import Grid, Sketch
+from pipeline.choice.kernel.fourier import Grid, Sketch
+from pipeline.choice.log_sum_exp import partial_normaliser
 
 RELATIVE = 1e-6  # tolerance given to scikit-learn
 BANDWIDTHS = 20

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.measuring import clustered, known
-from pipeline.choice import engines
-from pipeline.choice.pairs import LEAF, cut_off
-from pipeline.choice.partitions import sketch_slabs
-from pipeline.choice.sampled_score import SCORE_ERROR, Drawn, SampledScore, Whole
-from pipeline.choice.sketch import Grid
-from pipeline.choice.ties import distinct_rows
-from pipeline.stages.parts import PARTITIONS
+from pipeline.choice.kernel import cost_model
+from pipeline.choice.kernel.fourier import Grid
+from pipeline.choice.kernel.pairwise import LEAF, cut_off
+from pipeline.choice.kernel.subsampled_likelihood import SCORE_ERROR, Drawn, SampledScore, Whole
+from pipeline.choice.kernel.unique_rows import distinct_rows
+from pipeline.choice.streaming import sketch_slabs
+from pipeline.formats.parquet.partitions import PARTITIONS
 
 COUNT, CORES, PARTITION, MEMORY_GB = 10**9, 512, 200_000, 14
 WAYPOINTS, HYPOTHESES = 41, 171
@@ -80,15 +80,15 @@ def main() -> None:
         return all(mode <= known_mode for mode, known_mode in zip(needed, scored.modes, strict=True))
 
     wide, narrow = [one for one in tried + finest if served(one)], [one for one in tried if not served(one)]
-    both = 2 * engines.transform_bytes(scored, SCORED) <= MEMORY_GB * 1e9
-    distances = engines.some_distances(distinct_rows(rows).rows)
+    both = 2 * cost_model.transform_bytes(scored, SCORED) <= MEMORY_GB * 1e9
+    distances = cost_model.some_distances(distinct_rows(rows).rows)
 
     def by_neighbours(sigmas: list[float], points: int) -> float:
         """Seconds of one part."""
         if not sigmas:
             return 0.0
-        share = engines.share_compared(distances, cut_off(COUNT, max(sigmas), SCORE_ERROR), LEAF / ROWS)
-        return engines.pass_seconds(np.array([points] * len(sigmas)), share * ROWS)
+        share = cost_model.share_compared(distances, cut_off(COUNT, max(sigmas), SCORE_ERROR), LEAF / ROWS)
+        return cost_model.pass_seconds(np.array([points] * len(sigmas)), share * ROWS)
 
     lonely = by_neighbours(narrow, SOME) + by_neighbours([one for one in finest if not served(one)], SCORED)
     point = costs["grid of a transform, ns per point"] * 1e-9

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from benchmarks.measuring import measured, record, show, timed
-from pipeline.stores.recordings import read_joint_states, write_joint_states
+from pipeline.formats.mcap.joint_states import read_joint_states, write_joint_states
 
 MESSAGES = 100_000
 NAMES = tuple(f"j2s7s300_joint_{i}" for i in range(1, 8))

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.measuring import Growth
-from pipeline.stores import palette
-from pipeline.stores.figures import TEXT_IN, color, in_style, new_figure, write_figure
+from pipeline.views import palette
+from pipeline.views.figures.style import TEXT_IN, color, in_style, new_figure, write_figure
 
 COLORS = (palette.BLUE, palette.ORANGE, palette.VERMILLION, palette.PINK)
 LARGEST = 10_000_000

@@ -14,8 +14,8 @@ import numpy as np
 import polars as pl
 
 from benchmarks.measuring import clustered, measured, record, show, timed
-from pipeline.stages.parts import contents
-from pipeline.stores.tables import table_writer
+from pipeline.formats.parquet.partitions import contents
+from pipeline.formats.parquet.tables import table_writer
 
 PARTS, PARTITION = 20, 50_000
 JOINTS, WAYPOINTS = 7, 41

@@ -1,4 +1,4 @@
-"""The unit costs of the engines' cost model (pipeline/choice/engines.py): `python -m benchmarks.unit_costs`."""
+"""The unit costs of the engines' cost model (pipeline/choice/kernel/cost_model.py): `python -m benchmarks.unit_costs`."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import finufft
 import numpy as np
 
 from benchmarks.measuring import clustered, seconds, show, timed
-from pipeline.choice import engines
-from pipeline.choice.pairs import Neighbours
-from pipeline.choice.sketch import Grid, Sketch
-from pipeline.choice.ties import distinct_rows
+from pipeline.choice.kernel import cost_model
+from pipeline.choice.kernel.fourier import Grid, Sketch
+from pipeline.choice.kernel.pairwise import Neighbours
+from pipeline.choice.kernel.unique_rows import distinct_rows
 
 GRIDS = (128, 250, 250), (96, 200, 200), (120, 240, 240), (96, 192, 192), (128, 256, 256), (160, 320, 320)
 
@@ -23,7 +23,7 @@ def main() -> None:
         (20_000, 2, 0.05), (20_000, 3, 0.05), (20_000, 4, 0.05), (100_000, 2, 0.005), (100_000, 3, 0.02),
     ):  # fmt: skip
         groups = distinct_rows(clustered(count, features))
-        predicted = engines.neighbours(groups.rows, count, None, sigma).seconds
+        predicted = cost_model.neighbours(groups.rows, count, None, sigma).seconds
         took = _median(lambda g=groups, s=sigma: Neighbours(g.rows, g.counts).log_sums_within(s))
         rows.append(("neighbours", f"{count:,} x {features}", f"{sigma}", seconds(predicted), seconds(took)))
     for count, features, sigma in (
@@ -32,7 +32,7 @@ def main() -> None:
     ):  # fmt: skip
         groups = distinct_rows(clustered(count, features))
         grid = Grid.covering(groups.rows.min(axis=0), groups.rows.max(axis=0), sigma, sigma, count)
-        predicted = engines.transform_seconds(grid, count)
+        predicted = cost_model.transform_seconds(grid, count)
         took = _median(lambda g=groups, grid=grid: Sketch.of(g.rows, grid, g.counts))
         rows.append(("one transform", f"{count:,} x {features}", f"{sigma}", seconds(predicted), seconds(took)))
     show("Cost model", ("what", "rows x features", "bandwidth", "predicted", "measured"), rows)

@@ -18,8 +18,8 @@ from pathlib import Path
 from PIL import Image
 from take_pictures import take_picture
 
-from pipeline.stages.project import Project
-from pipeline.stages.watch import Until, run
+from pipeline.commands.watch import Until, run
+from pipeline.workspace.project import Project
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = {

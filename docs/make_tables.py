@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from pipeline.stores.catalog_views import PROVENANCE_TABLES, VIEWS
+from pipeline.formats.duckdb.views import PROVENANCE_TABLES, VIEWS
 from schemas import Column, names, schema
 
 TABLES = (

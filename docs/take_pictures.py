@@ -20,8 +20,8 @@ from pathlib import Path
 from PIL import Image
 from rerun.experimental import ViewerClient
 
-from pipeline.stores.viewer import quiet_environment, viewer_command
-from pipeline.stores.viewer_data import TIMELINE
+from pipeline.views.rerun.recording import quiet_environment, viewer_command
+from pipeline.views.rerun.records import TIMELINE
 
 _START_S = 30.0
 # the viewer greets a software renderer with notices that stay for a few seconds

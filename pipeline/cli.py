@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.commands.sql import Format
 from pipeline.errors import WorkbenchError
-from pipeline.stages.sql import Format
 
 if TYPE_CHECKING:
-    from pipeline.stages.project import Project
+    from pipeline.workspace.project import Project
 
 app = typer.Typer(
     name="lessbench",
@@ -151,8 +151,8 @@ def infer(task: TaskName, live: IsLive = False, port: Port = 9876, bind: Bind = 
 
     if not live:
         return run(_project(), task)
+    from pipeline.commands.serve import Live, run_and_serve
     from pipeline.stages import inspect
-    from pipeline.stages.live import Live, run_and_serve
 
     return run_and_serve(_project(), task, Live(bind, port, stay), run, inspect.run)
 
@@ -186,7 +186,7 @@ def study(
 
     Example: `lessbench study grid-world`, or `lessbench study robustness table`.
     """
-    from pipeline.stages.study import run
+    from pipeline.commands.study import run
 
     run(_project(), name, task)
 
@@ -201,17 +201,17 @@ def inspect(
 
     Example: `lessbench inspect table`, then `lessbench view table`.
     """
-    from pipeline.stages import inspect, studies_inspect
+    from pipeline.stages import inspect, inspect_studies
 
     if live:
-        from pipeline.stages.live import Live, run_and_serve
+        from pipeline.commands.serve import Live, run_and_serve
 
         if task == "studies":
             return run_and_serve(
-                _project(), task, Live(bind, port, stay), lambda project, _: studies_inspect.run(project)
+                _project(), task, Live(bind, port, stay), lambda project, _: inspect_studies.run(project)
             )
         return run_and_serve(_project(), task, Live(bind, port, stay), inspect.run)
-    return studies_inspect.run(_project()) if task == "studies" else inspect.run(_project(), task)
+    return inspect_studies.run(_project()) if task == "studies" else inspect.run(_project(), task)
 
 
 @app.command(rich_help_panel=STAGES)
@@ -263,7 +263,7 @@ def sql(
 
     Example: `lessbench sql "from best_hypothesis where participant = 'all' and set_id = 'working'"`
     """
-    from pipeline.stages.sql import HISTORY, answer_once, prompt
+    from pipeline.commands.sql import HISTORY, answer_once, prompt
 
     project = _project()
     if question is None and form is Format.table and sys.stdin.isatty() and sys.stdout.isatty():
@@ -278,7 +278,7 @@ def view(task: TaskOrStudies) -> None:
 
     Example: `lessbench view table`, or `lessbench view studies`.
     """
-    from pipeline.stores.viewer import open_viewer
+    from pipeline.views.rerun.recording import open_viewer
 
     project = _project()
     if task != "studies":
@@ -297,7 +297,7 @@ def verify(
 
     Example: `lessbench verify table --sample 100`
     """
-    from pipeline.stages.verify import verify
+    from pipeline.commands.verify import verify
 
     project = _project()
     sound = True
@@ -332,8 +332,8 @@ def watch(
 
     Examples: `lessbench watch datasets/table/recordings --live`, `lessbench watch --task table --until 12`
     """
-    from pipeline.stages.live import Live
-    from pipeline.stages.watch import Until, run
+    from pipeline.commands.serve import Live
+    from pipeline.commands.watch import Until, run
 
     run(_project(), folder, task, Until(until, idle_s), Live(bind, port) if live else None)
 
@@ -347,7 +347,7 @@ def summary() -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from pipeline.stages.project import recorded_runs
+    from pipeline.workspace.project import recorded_runs
 
     table = Table("stage", "task", "took", "produced", title="Last run of each stage", title_justify="left")
     for run in recorded_runs(_project()):
@@ -364,7 +364,7 @@ def check(
 
     Example: `lessbench check my_recordings/*.mcap --task table`.
     """
-    from pipeline.stages.check import report
+    from pipeline.commands.check import report
 
     usable = True
     for path in files:
@@ -388,7 +388,7 @@ def new_task(
 
     Example: `lessbench new-task pour --scene my_scene.xml --recordings my_recordings`, then `dvc repro inspect@pour`.
     """
-    from pipeline.stages.new_task import add_task
+    from pipeline.commands.new_task import add_task
 
     print(add_task(_project(), name, scene, recordings, end_effector))  # noqa: T201
 
@@ -401,7 +401,7 @@ def run(task: TaskName) -> None:
 
     Example: `lessbench --overlay mine.yaml run pour`.
     """
-    from pipeline.stages.run import run_task
+    from pipeline.commands.run import run_task
 
     run_task(_project(), task)
 
@@ -412,7 +412,7 @@ def recover() -> None:
 
     Example: `lessbench recover`, then `dvc repro`.
     """
-    from pipeline.stages.recover import recover
+    from pipeline.commands.recover import recover
 
     print("\n".join(recover(_project()) or ["nothing to mend"]))  # noqa: T201
 
@@ -433,14 +433,14 @@ def import_ferl(
     Example for the JACO 2: `lessbench import ferl FERL_demos.p mine --topic /j2s7s300_driver/out/joint_state
     --joints j2s7s300_joint_1,j2s7s300_joint_2,j2s7s300_joint_3,j2s7s300_joint_4,j2s7s300_joint_5,j2s7s300_joint_6,j2s7s300_joint_7`
     """
-    from pipeline.stores.ferl import import_ferl
+    from pipeline.formats.ferl.importer import import_ferl
 
     written = import_ferl(file, out, [name.strip() for name in joints.split(",")], topic, rate_hz)
     print("\n".join(str(path) for path in written))  # noqa: T201
 
 
 def _project() -> Project:
-    from pipeline.stages.project import find_project
+    from pipeline.workspace.project import find_project
 
     overlay = _overlay.get()
     return find_project(Path.cwd(), overlay.resolve() if overlay else None)

@@ -1,20 +1,21 @@
-"""What all tests share: the oracles on the path, the real recordings, property tests that repeat."""
+"""What all tests share: the real recordings, the small project of a gantry, property tests that repeat."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
 
+from tests.support.gantry_project import make_project, parameters
+
 if TYPE_CHECKING:
-    from kills import Undisturbed
+    from tests.support.kills import Undisturbed
 
 ROOT = Path(__file__).resolve().parents[1]
 
-sys.path.insert(0, str(ROOT / "tests" / "reference"))
+__all__ = ["make_project", "parameters"]  # fixtures
 
 # The same examples in every run; a noisy machine is no failure.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
@@ -33,6 +34,6 @@ def shared() -> Path:
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Undisturbed:
     """One run of a small project that nobody disturbs, for all tests that do."""
-    from kills import Undisturbed
+    from tests.support.kills import Undisturbed
 
     return Undisturbed(tmp_path_factory.mktemp("small") / "project")

@@ -3,12 +3,12 @@
 Arrays are float64 and features are already scaled; every error derives from `pipeline.errors.WorkbenchError`.
 """
 
-from pipeline.choice.bandwidth import Bandwidth, BandwidthWarning, select_bandwidth
-from pipeline.choice.density import choose_engine, log_density
-from pipeline.choice.engines import EngineChoice
 from pipeline.choice.held_out import HeldOutScore, compare_held_out, held_out_from, held_out_score
 from pipeline.choice.hypotheses import theta_grid
 from pipeline.choice.inference import Posterior, infer, infer_sequential, posterior_from, predict
+from pipeline.choice.kernel.bandwidth import Bandwidth, BandwidthWarning, select_bandwidth
+from pipeline.choice.kernel.cost_model import EngineChoice
+from pipeline.choice.kernel.density import choose_engine, log_density
 from pipeline.choice.likelihood import log_likelihood, log_probabilities
 from pipeline.choice.metrics import angle_to, entropy, kl_aggregate, true_match, true_posterior
 from pipeline.choice.models import LESS, AttributeRule, Boltzmann, Model, PathSize, WeightedSet

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.choice.checks import FloatArray, vector
-from pipeline.choice.ties import distinct_rows
+from pipeline.choice.kernel.unique_rows import distinct_rows
+from pipeline.choice.validation import FloatArray, vector
 from pipeline.errors import ArgumentError
 
 

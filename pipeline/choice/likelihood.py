@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.choice.checks import FloatArray, inverse_temperatures, matrix
+from pipeline.choice.log_sum_exp import BLOCK, LogSumExp
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.models import Model, WeightedSet
-from pipeline.choice.normaliser import BLOCK, LogSumExp
+from pipeline.choice.validation import FloatArray, inverse_temperatures, matrix
 from pipeline.errors import ArgumentError
 
 # Joined weights of a group of demonstrations: 256 MB.

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from pipeline.choice.bandwidth import METHODS, select_bandwidth
-from pipeline.choice.checks import FloatArray, matrix, positive, read_only
-from pipeline.choice.density import log_density
-from pipeline.choice.links import check_incidence, check_lengths, log_path_sizes
+from pipeline.choice.kernel.bandwidth import METHODS, select_bandwidth
+from pipeline.choice.kernel.density import log_density
+from pipeline.choice.kernel.unique_rows import distinct_rows
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.ties import distinct_rows
+from pipeline.choice.path_size import check_incidence, check_lengths, log_path_sizes
+from pipeline.choice.validation import FloatArray, matrix, positive, read_only
 from pipeline.errors import ArgumentError, one_of
 
 

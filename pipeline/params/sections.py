@@ -243,7 +243,7 @@ class HumanChoice(_Section):
 
 
 class GridWorld(_Section):
-    """See `pipeline.studies.grid_world_trials.GridWorldSettings`."""
+    """See `pipeline.studies.grid_world.trials.GridWorldSettings`."""
 
     size: Annotated[int, Field(strict=True, ge=3, le=11)]
     objects: tuple[tuple[Cell, Cell], tuple[Cell, Cell]]

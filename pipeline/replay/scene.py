@@ -84,6 +84,11 @@ class Scene:
         """Indices of the bodies that the J joints move."""
         return np.flatnonzero([body.joint >= 0 for body in self.chain.bodies])
 
+    def box_sites(self) -> list[str]:
+        """Names of the sites that are boxes, any of which could be a task's surface."""
+        kinds = self.model.site_type
+        return [self.model.site(i).name for i in range(self.model.nsite) if kinds[i] == mujoco.mjtGeom.mjGEOM_BOX]
+
     def _id(self, object_type: Any, kind: str, name: str) -> int:
         index = int(mujoco.mj_name2id(self.model, object_type, name))
         if index < 0:

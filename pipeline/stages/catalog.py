@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pipeline.stages.project import STUDIES, Project, recorded_run
-from pipeline.stages.provenance import content_hash
-from pipeline.stores.catalog import SourceFile, build_catalog
-from pipeline.stores.references import check_references, check_table
-from pipeline.stores.tables import read_provenance
+from pipeline.formats.duckdb.catalog import SourceFile, build_catalog
+from pipeline.formats.parquet.foreign_keys import check_references, check_table
+from pipeline.formats.parquet.tables import read_provenance
+from pipeline.workspace.project import STUDIES, Project, recorded_run
+from pipeline.workspace.provenance import content_hash
 from schemas import names
 
 

@@ -1,7 +1,7 @@
 """Stage: the scale of the features, and the kernel density of each set of alternatives at its own members.
 
 Sets of up to one partition are computed whole, side by side. A larger set goes through part by part: its bounds, its
-sketch, and its kernel sums, each a fold over its rows; see `pipeline.choice.partitions`.
+sketch, and its kernel sums, each a fold over its rows; see `pipeline.choice.streaming`.
 """
 
 from __future__ import annotations
@@ -19,20 +19,30 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.choice import Bandwidth, choose_engine, log_density, select_bandwidth
-from pipeline.choice.bandwidth import sampled_bandwidth
-from pipeline.choice.engines import LONGEST_S, pair_seconds
-from pipeline.choice.partitions import log_sums_of_part, log_sums_over_part, sketch_seconds, sketch_slabs, slab_of_part
+from pipeline.choice.kernel.bandwidth import sampled_bandwidth
+from pipeline.choice.kernel.cost_model import LONGEST_S, pair_seconds
+from pipeline.choice.kernel.domain_split import Slab
+from pipeline.choice.kernel.fourier import Sketch
 from pipeline.choice.scaling import Spread
-from pipeline.choice.sketch import Sketch
-from pipeline.choice.slabs import Slab
+from pipeline.choice.streaming import log_sums_of_part, log_sums_over_part, sketch_seconds, sketch_slabs, slab_of_part
 from pipeline.errors import StageError
-from pipeline.stages.folds import Workers, workers
-from pipeline.stages.parts import PARTITIONS, Piece, Scaled, SetRows, batches, contents, cut, gathered, read_pieces
-from pipeline.stages.project import SCRATCH, Project, recorded_run
-from pipeline.stages.provenance import provenance
-from pipeline.stages.streamed_set import StreamedSet
-from pipeline.stores.references import check_references
-from pipeline.stores.tables import GROUPS, read_table, table_writer, write_table
+from pipeline.formats.parquet.foreign_keys import check_references
+from pipeline.formats.parquet.partitions import (
+    PARTITIONS,
+    Piece,
+    Scaled,
+    SetRows,
+    batches,
+    contents,
+    cut,
+    gathered,
+    read_pieces,
+)
+from pipeline.formats.parquet.tables import GROUPS, read_table, table_writer, write_table
+from pipeline.workspace.compute.executor import Workers, workers
+from pipeline.workspace.compute.streamed_alternatives import StreamedSet
+from pipeline.workspace.project import SCRATCH, Project, recorded_run
+from pipeline.workspace.provenance import provenance
 
 Floats = NDArray[np.float64]
 IN_MEMORY = 20_000_000  # rows of a set that are read at once where there is no other way

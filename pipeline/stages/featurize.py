@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from pipeline.formats.parquet.foreign_keys import check_references
+from pipeline.formats.parquet.partitions import Piece, cut, read_pieces
+from pipeline.formats.parquet.tables import part_rows, read_table, table_writer, write_table
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
-from pipeline.stages.folds import workers
-from pipeline.stages.parts import Piece, cut, read_pieces
-from pipeline.stages.project import Project, recorded_run
-from pipeline.stages.provenance import provenance
-from pipeline.stages.scenes import SceneFile, load_task_scene, loaded, scene_file
-from pipeline.stores.references import check_references
-from pipeline.stores.tables import part_rows, read_table, table_writer, write_table
+from pipeline.workspace.compute.executor import workers
+from pipeline.workspace.project import Project, recorded_run
+from pipeline.workspace.provenance import provenance
+from pipeline.workspace.scenes import SceneFile, load_task_scene, loaded, scene_file
 
 ALTERNATIVE_COLUMNS = ("anchor", "set_size", "set_id")
 BLOCK = 2000  # trajectories whose waypoints are in double precision at once

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import polars as pl
-from matplotlib.figure import Figure
 
-from pipeline.stages.progress import tracked
-from pipeline.stages.project import STUDIES, WORKING, Project, recorded_run
-from pipeline.stages.task_view import task_view
-from pipeline.stores.figures import write_figure
-from pipeline.stores.grid_world_figures import density_figure, overall_figure, sets_figure, true_posterior_figure
-from pipeline.stores.held_out_figures import held_out_figure
-from pipeline.stores.human_choice_figures import choices_figure
-from pipeline.stores.metrics import write_metrics
-from pipeline.stores.robustness_figures import (
+from pipeline.formats.files.atomic import folder_written_whole
+from pipeline.formats.files.json_metrics import write_metrics
+from pipeline.formats.parquet.tables import read_table
+from pipeline.studies.robustness.samplings import COMPARED
+from pipeline.views.figures.grid_world import density_figure, overall_figure, sets_figure, true_posterior_figure
+from pipeline.views.figures.held_out import held_out_figure
+from pipeline.views.figures.human_choice import choices_figure
+from pipeline.views.figures.robustness import (
     accuracy_figure,
     duplicates_figure,
     importance_figure,
@@ -23,13 +21,14 @@ from pipeline.stores.robustness_figures import (
     sensitivity_figure,
     two_posteriors_figure,
 )
-from pipeline.stores.tables import read_table
-from pipeline.stores.task_figures import densities_figure, map_figure, posterior_figure
-from pipeline.stores.whole import folder_written_whole
-from pipeline.studies.figure_tables import compare_models, differences, with_mean_intervals, with_share_intervals
-from pipeline.studies.headline import Numbers, studies_headline, task_headline
-from pipeline.studies.robustness import COMPARED
-from pipeline.studies.robustness_views import accuracy, entropies, example, middle_size
+from pipeline.views.figures.style import Figure, write_figure
+from pipeline.views.figures.task import densities_figure, map_figure, posterior_figure
+from pipeline.views.headline import Numbers, studies_headline, task_headline
+from pipeline.views.intervals import compare_models, differences, with_mean_intervals, with_share_intervals
+from pipeline.views.robustness import accuracy, entropies, example, middle_size
+from pipeline.views.task_view import task_view
+from pipeline.workspace.progress import tracked
+from pipeline.workspace.project import STUDIES, WORKING, Project, recorded_run
 
 ROBUSTNESS = (
     "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity", "sensitivity_summary",

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pipeline.stages.project import STUDIES, Project, recorded_run
-from pipeline.stages.provenance import provenance
-from pipeline.stores.tables import write_table
-from pipeline.studies.grid_world import run_grid_world
-from pipeline.studies.grid_world_trials import GridWorldSettings
+from pipeline.formats.parquet.tables import write_table
+from pipeline.studies.grid_world.study import run_grid_world
+from pipeline.studies.grid_world.trials import GridWorldSettings
+from pipeline.workspace.project import STUDIES, Project, recorded_run
+from pipeline.workspace.provenance import provenance
 
 
 def run(project: Project) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 import polars as pl
 
 from pipeline.errors import StageError
-from pipeline.stages.project import STUDIES, Project, recorded_run
-from pipeline.stages.provenance import provenance
-from pipeline.stores.tables import write_table
+from pipeline.formats.parquet.tables import write_table
 from pipeline.studies.human_choice import analyse_choices, compare_with_paper
+from pipeline.workspace.project import STUDIES, Project, recorded_run
+from pipeline.workspace.provenance import provenance
 
 
 def run(project: Project) -> None:

@@ -1,7 +1,7 @@
 """Stage: the posterior over theta and beta under every model, for every set, each demonstration and all together.
 
 The same log likelihoods score how well each model predicts a demonstration from the others. Sets of up to one partition
-are computed whole, side by side; a larger set is a fold over its parts, see `pipeline.choice.partitions`.
+are computed whole, side by side; a larger set is a fold over its parts, see `pipeline.choice.streaming`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 from pipeline.choice import LESS, AttributeRule, Boltzmann, held_out_from, log_likelihood, posterior_from, theta_grid
 from pipeline.choice.models import Model
-from pipeline.choice.partitions import JoinedSums, joined_sums
+from pipeline.choice.streaming import JoinedSums, joined_sums
 from pipeline.errors import StageError
+from pipeline.formats.parquet.foreign_keys import check_references, check_table
+from pipeline.formats.parquet.partitions import PARTITIONS, Contents, Piece, Scaled, SetRows, contents, cut, read_pieces
+from pipeline.formats.parquet.tables import GROUPS, part_rows, read_part, read_table, write_table
 from pipeline.params import Infer, Task
-from pipeline.stages.folds import Workers, workers
-from pipeline.stages.parts import PARTITIONS, Contents, Piece, Scaled, SetRows, contents, cut, read_pieces
-from pipeline.stages.project import Project, recorded_run
-from pipeline.stages.provenance import provenance
-from pipeline.stores.references import check_references, check_table
-from pipeline.stores.tables import GROUPS, part_rows, read_part, read_table, write_table
+from pipeline.workspace.compute.executor import Workers, workers
+from pipeline.workspace.project import Project, recorded_run
+from pipeline.workspace.provenance import provenance
 
 Floats = NDArray[np.float64]
 INPUTS = ("demonstrations", "features", "scales", "densities")

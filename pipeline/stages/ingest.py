@@ -10,17 +10,17 @@ import numpy as np
 import polars as pl
 
 from pipeline.errors import RecordingError, StageError
+from pipeline.formats.mcap.joint_states import read_joint_states
+from pipeline.formats.mcap.rejection_reasons import plain, rejection
+from pipeline.formats.mcap.writer import METADATA
+from pipeline.formats.parquet.tables import write_table
 from pipeline.params import Ingest
 from pipeline.replay.scene import Scene, model_hash, scene_files
-from pipeline.stages.progress import tracked
-from pipeline.stages.project import Project, recorded_run
-from pipeline.stages.provenance import provenance
-from pipeline.stages.scenes import load_task_scene
-from pipeline.stores.reasons import plain, rejection
-from pipeline.stores.recording_writing import METADATA
-from pipeline.stores.recordings import read_joint_states
-from pipeline.stores.tables import write_table
 from pipeline.trajectories.timebase import demonstration_waypoints
+from pipeline.workspace.progress import tracked
+from pipeline.workspace.project import Project, recorded_run
+from pipeline.workspace.provenance import provenance
+from pipeline.workspace.scenes import load_task_scene
 
 RESERVED = ("all", "task")  # what demonstration_id and anchor say of no single demonstration
 LONGEST_NAME = 200  # characters

@@ -9,18 +9,18 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.choice import entropy
+from pipeline.formats.parquet.tables import read_table
 from pipeline.params import Task
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene
-from pipeline.stages.project import WORKING, Project, recorded_run
-from pipeline.stages.scenes import load_task_scene
-from pipeline.stages.task_view import TaskView, read_waypoints, task_view
-from pipeline.stores.tables import read_table
-from pipeline.stores.viewer import write_inspection
-from pipeline.stores.viewer_data import AlternativeSet, FeatureSpace, Inspection, Replay
-from pipeline.studies.inspection import replay_samples
-from pipeline.trajectories.streams import child_rng
+from pipeline.trajectories.random_streams import child_rng
+from pipeline.views.rerun.recording import write_inspection
+from pipeline.views.rerun.records import AlternativeSet, FeatureSpace, Inspection, Replay
+from pipeline.views.task_summary import replay_samples
+from pipeline.views.task_view import TaskView, read_waypoints, task_view
+from pipeline.workspace.project import WORKING, Project, recorded_run
+from pipeline.workspace.scenes import load_task_scene
 
 Floats = NDArray[np.float64]
 REGIMES, MODELS = ("independent", "sampler-shift"), ("boltzmann", "less")

@@ -12,23 +12,30 @@ from numpy.typing import NDArray
 
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
+from pipeline.formats.parquet.foreign_keys import check_references
+from pipeline.formats.parquet.tables import read_table, write_table
 from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.infer import hypotheses
-from pipeline.stages.progress import tracked
-from pipeline.stages.project import WORKING, Project, Run, recorded_run
-from pipeline.stages.provenance import provenance
-from pipeline.stages.scenes import load_task_scene
-from pipeline.stores.references import check_references
-from pipeline.stores.tables import read_table, write_table
-from pipeline.studies.choice_sets import ChoiceSets, Demonstrations, Problem
-from pipeline.studies.duplicates import Duplication, inject_duplicates
-from pipeline.studies.posterior_spread import true_direction
-from pipeline.studies.robustness import COMPARED, INDEPENDENT, KNOWN_DENSITY, SHIFT, RobustnessResult, compare_samplings
-from pipeline.studies.robustness_statistics import ANOVA, POST_HOC, analyse_regime, summarise
-from pipeline.studies.sensitivity import vary_choices
-from pipeline.trajectories.streams import child_rng
+from pipeline.studies.robustness.divergence import true_direction
+from pipeline.studies.robustness.duplicates import Duplication, inject_duplicates
+from pipeline.studies.robustness.problem import ChoiceSets, Demonstrations, Problem
+from pipeline.studies.robustness.samplings import (
+    COMPARED,
+    INDEPENDENT,
+    KNOWN_DENSITY,
+    SHIFT,
+    RobustnessResult,
+    compare_samplings,
+)
+from pipeline.studies.robustness.sensitivity import vary_choices
+from pipeline.studies.robustness.tests import ANOVA, POST_HOC, analyse_regime, summarise
+from pipeline.trajectories.random_streams import child_rng
+from pipeline.workspace.progress import tracked
+from pipeline.workspace.project import WORKING, Project, Run, recorded_run
+from pipeline.workspace.provenance import provenance
+from pipeline.workspace.scenes import load_task_scene
 
 Array = NDArray[np.float64]
 INPUTS = ("demonstrations", "features", "scales", "shifted_alternatives")

@@ -12,20 +12,20 @@ import polars as pl
 from numpy.typing import NDArray
 
 from pipeline.errors import StageError
+from pipeline.formats.parquet.partitions import cut, gathered
+from pipeline.formats.parquet.tables import read_table, table_writer, write_table
 from pipeline.params import Sample
+from pipeline.replay.planning import SEARCH, Planning, Room
 from pipeline.replay.scene import Scene, model_hash, scene_files
-from pipeline.stages.folds import workers
-from pipeline.stages.parts import cut, gathered
-from pipeline.stages.planning import SEARCH, Planning, Room
-from pipeline.stages.project import WORKING, Project, recorded_run
-from pipeline.stages.provenance import provenance
-from pipeline.stages.scenes import SceneFile, load_task_scene, loaded, scene_file
-from pipeline.stores.tables import read_table, table_writer, write_table
 from pipeline.trajectories.optimise import optimise_paths, random_weights
 from pipeline.trajectories.paths import Anchor
+from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Deformation, Draw, Mixture, Planner, Sampler, Tally, ViaPoint
-from pipeline.trajectories.streams import child_rng
 from pipeline.trajectories.timebase import to_branch
+from pipeline.workspace.compute.executor import workers
+from pipeline.workspace.project import WORKING, Project, recorded_run
+from pipeline.workspace.provenance import provenance
+from pipeline.workspace.scenes import SceneFile, load_task_scene, loaded, scene_file
 
 Array = NDArray[np.float64]
 Drawn = tuple[tuple[str, int, str], pl.DataFrame, tuple[Tally, ...]]  # which set, rows of its table, what it took

@@ -9,18 +9,18 @@ import numpy as np
 import polars as pl
 
 from pipeline.choice.logspace import log_sum_exp
+from pipeline.formats.parquet.tables import read_table, write_table
 from pipeline.params import Sample, ShiftedSampler
+from pipeline.replay.planning import Planning
 from pipeline.replay.scene import model_hash, scene_files
-from pipeline.stages.planning import Planning
-from pipeline.stages.progress import tracked
-from pipeline.stages.project import Project, recorded_run
-from pipeline.stages.provenance import provenance
 from pipeline.stages.sample import alternative_rows, planned_sampler, sampling_anchors, sampling_rows
-from pipeline.stages.scenes import load_task_scene
-from pipeline.stores.tables import read_table, write_table
 from pipeline.trajectories.paths import Anchor
+from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Deformation, Draw, Mixture, Sampler, ViaPoint
-from pipeline.trajectories.streams import child_rng
+from pipeline.workspace.progress import tracked
+from pipeline.workspace.project import Project, recorded_run
+from pipeline.workspace.provenance import provenance
+from pipeline.workspace.scenes import load_task_scene
 
 
 def run(project: Project, name: str) -> None:

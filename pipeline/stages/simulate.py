@@ -7,16 +7,16 @@ import json
 import numpy as np
 
 from pipeline.errors import ParameterError, one_of
-from pipeline.stages.planning import SEARCH, Planning
-from pipeline.stages.progress import tracked
-from pipeline.stages.project import Project, recorded_run
-from pipeline.stages.scenes import load_task_scene
-from pipeline.stores.recording_writing import METADATA, write_joint_states
-from pipeline.stores.whole import folder_written_whole
+from pipeline.formats.files.atomic import folder_written_whole
+from pipeline.formats.mcap.writer import METADATA, write_joint_states
+from pipeline.replay.planning import SEARCH, Planning
 from pipeline.trajectories.optimise import optimise_paths
 from pipeline.trajectories.participants import Driver, Hand, demonstrate, draw_participants, driver_messages
+from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Deformation
-from pipeline.trajectories.streams import child_rng
+from pipeline.workspace.progress import tracked
+from pipeline.workspace.project import Project, recorded_run
+from pipeline.workspace.scenes import load_task_scene
 
 FIRST_NS = 1_584_950_400_000_000_000  # 2020-03-23 08:00 UTC; each participant comes ten minutes later
 SLOT_NS = 600_000_000_000

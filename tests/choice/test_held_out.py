@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-import slow_choice
 
 from pipeline.choice import LESS, Boltzmann, compare_held_out, held_out_from, held_out_score, log_likelihood, theta_grid
 from pipeline.errors import ArgumentError
+from tests.oracles import slow_choice
 
 RNG = np.random.default_rng(4)
 ALTERNATIVES, OUTSIDE = RNG.normal(size=(30, 2)), RNG.normal(size=(5, 2))

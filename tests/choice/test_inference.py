@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-import slow_choice
 
 from pipeline.choice import (
     LESS,
@@ -22,6 +21,7 @@ from pipeline.choice import (
     theta_grid,
 )  # fmt: skip
 from pipeline.errors import ArgumentError, BandwidthError
+from tests.oracles import slow_choice
 
 RNG = np.random.default_rng(8)
 ALTERNATIVES = RNG.normal(size=(40, 3))

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-import slow_choice
 from scipy import sparse
 
 from pipeline.choice import LESS, AttributeRule, Boltzmann, PathSize, log_density, select_bandwidth
 from pipeline.errors import ArgumentError, BandwidthError
+from tests.oracles import slow_choice
 
 LENGTHS = np.array([1.0, 2.0, 0.5, 3.0, 1.5, 1.0])
 PATHS = np.array([[1, 1, 0, 0, 0, 1], [1, 0, 1, 0, 0, 1], [0, 0, 0, 1, 1, 0], [1, 1, 0, 0, 0, 1]])

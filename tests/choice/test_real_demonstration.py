@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-import slow_choice
 
 from pipeline.choice import LESS, Boltzmann, infer, select_bandwidth, theta_grid
+from pipeline.formats.mcap.joint_states import read_joint_states
 from pipeline.replay.features import bind_features
 from pipeline.replay.scene import load_scene
-from pipeline.stores.recordings import read_joint_states
 from pipeline.trajectories.timebase import demonstration_waypoints
+from tests.oracles import slow_choice
 
 ROOT = Path(__file__).resolve().parents[2]
 THETAS, BETAS = theta_grid([[0, 0.5, 1]] * 3), (0.1, 1.0, 10.0, 100.0)

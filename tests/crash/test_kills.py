@@ -1,9 +1,10 @@
-"""SIGKILL at a dozen seeded random moments; `python tests/reference/kills.py --moments 100` is the long form."""
+"""SIGKILL at a dozen seeded random moments; `python tests/support/kills.py --moments 100` is the long form."""
 
 from __future__ import annotations
 
 import pytest
-from kills import Undisturbed, disturb
+
+from tests.support.kills import Undisturbed, disturb
 
 
 @pytest.mark.timeout(900)

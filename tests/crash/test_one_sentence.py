@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from kills import Undisturbed
-from small_project import environment, outputs, run
+
+from tests.support.kills import Undisturbed
+from tests.support.small_project import environment, outputs, run
 
 STAGES = (
     "simulate table",

@@ -10,8 +10,9 @@ import time
 from pathlib import Path
 
 import pytest
-from kills import Undisturbed
-from small_project import environment, outputs, run
+
+from tests.support.kills import Undisturbed
+from tests.support.small_project import environment, outputs, run
 
 DVC = Path(sys.executable).parent / "dvc"
 STAGE, OUTPUT = "density table", "datasets/table/scales.parquet"

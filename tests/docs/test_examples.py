@@ -57,10 +57,10 @@ def test_what_a_page_points_to_is_there(page: Path) -> None:
 
 def test_the_method_page_names_functions_that_are_there() -> None:
     table = (DOCS / "method.md").read_text(encoding="utf-8").split("## 1.")[0]
-    places = re.findall(r"((?:`\w+`(?:, | and )?)+) in `(?:pipeline/choice/)?(\w+)\.py`", table)
+    places = re.findall(r"((?:`\w+`(?:, | and )?)+) in `(?:pipeline/choice/)?([\w/]+)\.py`", table)
     assert len(places) == 14
     for functions, module in places:
-        loaded = importlib.import_module(f"pipeline.choice.{module}")
+        loaded = importlib.import_module(f"pipeline.choice.{module.replace('/', '.')}")
         assert [name for name in re.findall(r"\w+", functions) if name != "and" and not hasattr(loaded, name)] == []
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import shlex
 from collections.abc import Callable
@@ -14,20 +13,13 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.stages import density, featurize, infer, ingest, sample
-from pipeline.stages.project import Project
+from pipeline.workspace.project import Project
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"(?ms)^```sh\n(.*?)^```$", PAGE)
 COMMANDS = [line.split("#")[0].strip() for block in BLOCKS for line in block.splitlines()]
 ENDS = {"watch": ["--idle-s", "1"], "view": [], "inspect": [], "infer": []}
-
-_spec = importlib.util.spec_from_file_location("small_project_of_docs", ROOT / "tests" / "stages" / "conftest.py")
-assert _spec is not None
-assert _spec.loader is not None
-small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(small)
-make_project, parameters = small.make_project, small.parameters
 
 
 @pytest.fixture
@@ -41,8 +33,8 @@ def project(make_project: Callable[[dict[str, Any]], Project], parameters: dict[
 def test_every_command_of_the_page_runs(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(project.root)
     opened: list[Path] = []
-    monkeypatch.setattr("pipeline.stores.viewer.open_viewer", opened.append)
-    monkeypatch.setattr("pipeline.stores.viewer_live.has_display", lambda: False)
+    monkeypatch.setattr("pipeline.views.rerun.recording.open_viewer", opened.append)
+    monkeypatch.setattr("pipeline.views.rerun.server.has_display", lambda: False)
     for name in ("datasets/sweep/recordings", "my_recordings"):
         (project.root / name).parent.mkdir(exist_ok=True)
         (project.root / name).symlink_to(project.root / "mine")

@@ -15,8 +15,8 @@ import numpy as np
 import zstandard
 from mcap.writer import CompressionType, Writer
 
-from pipeline.stores.cdr import encode_joint_states
-from tests.reference.joint_bags import (
+from pipeline.formats.mcap.joint_state_cdr import encode_joint_states
+from tests.support.joint_bags import (
     JOINT_STATE,
     MAGIC,
     SCHEMA,
@@ -31,7 +31,7 @@ from tests.reference.joint_bags import (
 )
 
 SEED = 20_261_123
-NAMES = ("bend", "gripper", "rail", "swing")  # as the arm in tests/stages/conftest.py has them, and one more
+NAMES = ("bend", "gripper", "rail", "swing")  # as the arm in tests/support/gantry_project.py has them, and one more
 START_NS = 1_700_000_000_000_000_000
 HEAVY_EVERY = 100  # every hundredth case asks for gigabytes or hours
 HEADER, FOOTER, MESSAGE, CHUNK, STATISTICS, METADATA, DATA_END = 1, 2, 5, 6, 11, 12, 15

@@ -97,11 +97,11 @@ def read_batch(numbers: list[int]) -> list[Result]:
     """Write the cases into a project of their own and ingest it, within this process."""
     import resource
 
+    from pipeline.formats.parquet.tables import read_table
     from pipeline.params import parse
     from pipeline.stages import ingest
-    from pipeline.stages.project import Project
-    from pipeline.stores.tables import read_table
-    from tests.stages.conftest import GANTRY, PARAMETERS, record
+    from pipeline.workspace.project import Project
+    from tests.support.gantry_project import GANTRY, PARAMETERS, record
 
     resource.setrlimit(resource.RLIMIT_AS, (CEILING_BYTES, CEILING_BYTES))
     results: dict[str, Result] = {}
@@ -173,7 +173,7 @@ class _observed:
 
 
 def _check(path: Path, result: Result) -> None:
-    from pipeline.stages.check import report
+    from pipeline.commands.check import report
 
     try:
         lines, usable = _measured(result, lambda: report(path, None, None))

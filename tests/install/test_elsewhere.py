@@ -11,8 +11,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from kills import Undisturbed
-from small_project import environment, make_small_project, outputs
+
+from tests.support.kills import Undisturbed
+from tests.support.small_project import environment, make_small_project, outputs
 
 SHELL = """
 umask 077

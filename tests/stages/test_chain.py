@@ -14,11 +14,11 @@ from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
 from pipeline.errors import StageError
+from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.parquet.tables import read_provenance, read_table
 from pipeline.replay import load_scene, model_hash
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample, simulate
-from pipeline.stages.project import Project, recorded_runs
-from pipeline.stores.catalog import ask
-from pipeline.stores.tables import read_provenance, read_table
+from pipeline.workspace.project import Project, recorded_runs
 
 Make = Callable[[dict[str, Any]], Project]
 CHAIN = (ingest, sample, featurize, density, infer)

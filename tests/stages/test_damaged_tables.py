@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from pathlib import Path
@@ -16,16 +15,11 @@ import pytest
 from ruamel.yaml import YAML
 
 from pipeline.errors import TableError, WorkbenchError
+from pipeline.formats.parquet.tables import SCHEMA_KEY
 from pipeline.stages import catalog, density, featurize, figures, infer, ingest, inspect, robustness, sample, shift
-from pipeline.stages.project import Project
-from pipeline.stores.tables import SCHEMA_KEY
+from pipeline.workspace.project import Project
 from schemas import schema
-
-_spec = importlib.util.spec_from_file_location("small_project", Path(__file__).with_name("conftest.py"))
-assert _spec is not None
-assert _spec.loader is not None
-_small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_small)
+from tests.support import gantry_project
 
 READS: dict[str, tuple[Callable[[Project], None], tuple[str, ...]]] = {
     "sample": (lambda p: sample.run(p, "sweep"), ("demonstrations",)),
@@ -51,17 +45,17 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Project:
     """The small project, computed up to the posteriors, with alternatives that belong to demonstrations."""
     root = tmp_path_factory.mktemp("damaged") / "project"
     root.mkdir()
-    parameters: dict[str, Any] = deepcopy(_small.PARAMETERS)
+    parameters: dict[str, Any] = deepcopy(gantry_project.PARAMETERS)
     parameters["sample"] |= {"sampler": "deformation", "sizes": [5, 20], "working_set": 10}
     parameters["robustness"]["samplers"] = {
         name: parameters["robustness"]["samplers"][name] for name in ("near", "far")
     }
     parameters["tasks"]["sweep"]["anchor"] = "demonstration"
-    (root / "gantry.xml").write_text(_small.GANTRY)
+    (root / "gantry.xml").write_text(gantry_project.GANTRY)
     with (root / "params.yaml").open("w") as stream:
         YAML(typ="safe", pure=True).dump(parameters, stream)
     for number in range(3):
-        _small.record(root / "mine" / f"demo-{number}.mcap", bow=0.1 * number)
+        gantry_project.record(root / "mine" / f"demo-{number}.mcap", bow=0.1 * number)
     made = Project(root)
     for stage in (ingest, sample, featurize, density, infer, shift):
         stage.run(made, "sweep")

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 import rerun as rr
-from live_viewer import not_blank, pictures
 from rerun.chunk import RrdReader
 
+from pipeline.commands import serve
 from pipeline.errors import TableError
 from pipeline.stages import (
     density,
@@ -22,12 +22,12 @@ from pipeline.stages import (
     human_choice,
     infer,
     ingest,
-    live,
+    inspect_studies,
     sample,
-    studies_inspect,
 )
-from pipeline.stages.project import STUDIES, Project, recorded_runs
-from pipeline.stores.viewer_live import claim
+from pipeline.views.rerun.server import claim
+from pipeline.workspace.project import STUDIES, Project, recorded_runs
+from tests.support.live_viewer import not_blank, pictures
 
 Make = Callable[[dict[str, Any]], Project]
 STUDY_FIGURES = [
@@ -114,7 +114,7 @@ def test_the_studies_recording(
     studied: Project, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RERUN_STRICT", "1")
-    studies_inspect.run(studied)
+    inspect_studies.run(studied)
     path = studied.datasets / STUDIES / "inspect.rrd"
     entities = {chunk.entity_path for chunk in RrdReader(path).stream()}
     people = ("less", "boltzmann", "less-hidden", "less-hidden-own-bandwidth")
@@ -123,7 +123,7 @@ def test_the_studies_recording(
     expected |= {f"/sets/{name}/grid/demonstrations" for name in ("Xi_L", "Xi_B")}
     expected |= {f"/sets/{name}/posterior/boltzmann/bars" for name in ("Xi_L", "Xi_B")}
     assert expected <= {entity.replace("\\", "") for entity in entities}, entities
-    live.serve(studied, STUDIES, address := claim(port=0), stay=False)
+    serve.serve(studied, STUDIES, address := claim(port=0), stay=False)
     assert f"serving the recording of studies at {address.uri}\n" in capsys.readouterr().out
     with pictures().headless_viewer(path) as viewer:
         time.sleep(1.0)

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-import slow_choice
 
+from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.parquet.tables import read_table
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample
-from pipeline.stages.project import Project
-from pipeline.stores.catalog import ask
-from pipeline.stores.tables import read_table
+from pipeline.workspace.project import Project
+from tests.oracles import slow_choice
 
 Make = Callable[[dict[str, Any]], Project]
 NAMES = ["effort", "vase"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,18 +13,12 @@ import pytest
 from mcap.writer import Writer
 from ruamel.yaml import YAML
 
-from pipeline.stages.project import Project
-from pipeline.stores.tables import read_table
+from pipeline.formats.parquet.tables import read_table
+from pipeline.workspace.project import Project
+from tests.support.gantry_project import record
 
 Make = Callable[[dict[str, Any]], Project]
 Change = Callable[[Project], None]
-
-_spec = importlib.util.spec_from_file_location("small_project", Path(__file__).with_name("conftest.py"))
-assert _spec is not None
-assert _spec.loader is not None
-_small = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_small)
-record = _small.record
 
 
 def run(project: Project, *words: str) -> subprocess.CompletedProcess[str]:
@@ -76,8 +69,8 @@ def backwards(project: Project) -> None:
 
 def rewrite(project: Project, alter: Callable[[Any, Any], tuple[Any, Any]]) -> None:
     """The recording with altered content, past the checks of our own writer."""
-    from pipeline.stores.cdr import encode_joint_states
-    from pipeline.stores.recordings import read_joint_states
+    from pipeline.formats.mcap.joint_state_cdr import encode_joint_states
+    from pipeline.formats.mcap.joint_states import read_joint_states
 
     good = read_joint_states(bad(project))
     time_ns, q = alter(good.time_ns, good.positions)

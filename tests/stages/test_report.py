@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import PROGRAM, chromium_page
 
 from pipeline.errors import WorkbenchError
 from pipeline.stages import catalog, density, featurize, figures, infer, ingest, report, sample
-from pipeline.stages.project import Project, recorded_runs
+from pipeline.workspace.project import Project, recorded_runs
+from tests.support.browser import PROGRAM, chromium_page
 
 Make = Callable[[dict[str, Any]], Project]
 

@@ -13,13 +13,13 @@ import polars as pl
 import pytest
 
 from pipeline.errors import ParameterError, StageError
+from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.parquet.tables import read_table
 from pipeline.params import parse
 from pipeline.stages import catalog, density, featurize, figures, infer, ingest, robustness, sample, shift, simulate
-from pipeline.stages.project import Project
-from pipeline.stores.catalog import ask
-from pipeline.stores.tables import read_table
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.samplers import Deformation
+from pipeline.workspace.project import Project
 from schemas import names
 
 Make = Callable[[dict[str, Any]], Project]

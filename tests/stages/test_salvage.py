@@ -14,11 +14,11 @@ import pytest
 from mcap.writer import Writer
 
 from pipeline.errors import StageError
+from pipeline.formats.mcap.joint_state_cdr import encode_joint_states
+from pipeline.formats.mcap.joint_states import read_joint_states
+from pipeline.formats.parquet.tables import read_table
 from pipeline.stages import ingest
-from pipeline.stages.project import Project
-from pipeline.stores.cdr import encode_joint_states
-from pipeline.stores.recordings import read_joint_states
-from pipeline.stores.tables import read_table
+from pipeline.workspace.project import Project
 
 Make = Callable[[dict[str, Any]], Project]
 SCHEMA = (Path(__file__).resolve().parents[2] / "schemas" / "joint_state.ros2msg").read_bytes()

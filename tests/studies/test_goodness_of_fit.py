@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chisquare
-from slow_statistics import wellek
 
 from pipeline.errors import ArgumentError
 from pipeline.studies.goodness_of_fit import chi_square_test, wellek_minimum_epsilon, wellek_test
+from tests.oracles.slow_statistics import wellek
 
 # the example in the documentation of EQUIVNONINF::gofsimpt (version 1.0.2): one hundred throws of a die
 DIE = [17, 16, 25, 9, 16, 17]

@@ -8,14 +8,12 @@ from itertools import pairwise
 import numpy as np
 import polars as pl
 import pytest
-import slow_choice_sets
 from scipy.stats import chisquare, ttest_rel
-from slow_gridworld import all_paths
 
 from pipeline.choice import LESS, Boltzmann, infer
 from pipeline.errors import ArgumentError
-from pipeline.studies.grid_world import GridWorldStudy, run_grid_world
-from pipeline.studies.grid_world_trials import (
+from pipeline.studies.grid_world.study import GridWorldStudy, run_grid_world
+from pipeline.studies.grid_world.trials import (
     HIDDEN_MODELS,
     INFERENCE_MODELS,
     SAMPLING_MODELS,
@@ -26,6 +24,8 @@ from pipeline.studies.grid_world_trials import (
     draw_demonstrations,
     posteriors,
 )
+from tests.oracles import slow_choice_sets
+from tests.oracles.slow_grid_world import all_paths
 
 OBJECTS = ((1, 2), (3, 0))
 SETTINGS = GridWorldSettings(size=4, objects=OBJECTS, beta=3.0, demonstrations=4, seeds=40, bandwidth=0.2)

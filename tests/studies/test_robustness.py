@@ -6,18 +6,25 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy.stats import binom
-from slow_robustness import kl_aggregate as slow_kl_aggregate
-from slow_robustness import marginals as slow_marginals
 
 from pipeline.choice import Boltzmann, angle_to, kl_aggregate, log_likelihood, posterior_from, theta_grid
 from pipeline.errors import StageError
-from pipeline.studies.choice_sets import ChoiceSets, Demonstrations, Problem, log_posteriors, theta_marginals, unit
-from pipeline.studies.duplicates import Duplication, inject_duplicates
-from pipeline.studies.importance import effective_sample_size, weighted_log_likelihood
-from pipeline.studies.posterior_spread import divergences, jackknife_interval, true_direction
-from pipeline.studies.robustness import INDEPENDENT, KNOWN_DENSITY, SHIFT, compare_samplings
-from pipeline.studies.robustness_statistics import analyse_regime, median_interval, summarise
-from pipeline.studies.sensitivity import vary_choices
+from pipeline.studies.robustness.divergence import divergences, jackknife_interval, true_direction
+from pipeline.studies.robustness.duplicates import Duplication, inject_duplicates
+from pipeline.studies.robustness.importance import effective_sample_size, weighted_log_likelihood
+from pipeline.studies.robustness.problem import (
+    ChoiceSets,
+    Demonstrations,
+    Problem,
+    log_posteriors,
+    theta_marginals,
+    unit,
+)
+from pipeline.studies.robustness.samplings import INDEPENDENT, KNOWN_DENSITY, SHIFT, compare_samplings
+from pipeline.studies.robustness.sensitivity import vary_choices
+from pipeline.studies.robustness.tests import analyse_regime, median_interval, summarise
+from tests.oracles.slow_robustness import kl_aggregate as slow_kl_aggregate
+from tests.oracles.slow_robustness import marginals as slow_marginals
 
 THETAS = theta_grid([[0, 1], [0, 0.5, 1]])
 BETAS = np.array([0.5, 5.0])

@@ -7,10 +7,10 @@ import polars as pl
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import studentized_range, ttest_rel
-from slow_statistics import logit_factorial, two_way_f
 
 from pipeline.errors import ArgumentError
 from pipeline.studies.statistics import repeated_logistic, repeated_measures_anova, tukey_hsd
+from tests.oracles.slow_statistics import logit_factorial, two_way_f
 
 
 def long(y: NDArray[np.float64], seed: int = 0) -> pl.DataFrame:

@@ -4,8 +4,8 @@ import pytest
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.optimise import Optimised, Search, optimise_paths, random_weights
 from pipeline.trajectories.paths import Array, sine_basis, straight_path
+from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Anchor
-from pipeline.trajectories.streams import child_rng
 
 T, J = 41, 3
 ANCHOR = Anchor(np.array([0.3, 0.9, -0.4]), np.array([1.7, 0.2, 0.6]))

@@ -15,8 +15,8 @@ from pipeline.trajectories.participants import (
     driver_messages,
 )
 from pipeline.trajectories.paths import Array
+from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Anchor, Deformation
-from pipeline.trajectories.streams import child_rng
 from pipeline.trajectories.timebase import demonstration_waypoints
 
 ANCHOR = Anchor(np.array([1.9, 2.6, 3.2]), np.array([3.5, 1.6, 3.3]))

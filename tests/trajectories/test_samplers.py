@@ -4,6 +4,7 @@ from scipy.stats import multivariate_normal
 
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.paths import Array, sine_basis, straight_path
+from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import (
     Anchor,
     Deformation,
@@ -14,7 +15,6 @@ from pipeline.trajectories.samplers import (
     ViaPoint,
     draw_admissible,
 )
-from pipeline.trajectories.streams import child_rng
 
 T = 41
 ANCHOR = Anchor(np.array([0.3, 0.9, -0.4]), np.array([1.7, 0.2, 0.6]))

@@ -197,7 +197,7 @@ def test_a_demonstration_is_unwrapped_trimmed_shifted_and_resampled() -> None:
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="the shared real recordings are not beside the repository")
 def test_the_real_recording_comes_out_on_the_branch_of_the_alternatives() -> None:
-    from pipeline.stores.recordings import read_joint_states
+    from pipeline.formats.mcap.joint_states import read_joint_states
 
     joints = [f"j2s7s300_joint_{i}" for i in range(1, 8)]
     recording = read_joint_states(REAL / "recordings/kinesthetic_ID0_task0.mcap", joints=joints)

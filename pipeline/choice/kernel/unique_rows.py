@@ -1,0 +1,49 @@
+"""Rows that are identical, number for number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.choice.validation import FloatArray
+
+
+@dataclass(frozen=True)
+class DistinctRows:
+    """The distinct rows of an (N, F) array.
+
+    Attributes:
+        rows: (G, F), in lexicographic order: the same for any order of the input.
+        counts: (G,) how often each occurs.
+        index: (N,) which distinct row each input row is: `rows[index]` is the input.
+    """
+
+    rows: FloatArray
+    counts: FloatArray
+    index: NDArray[np.intp]
+
+
+def distinct_rows(rows: FloatArray) -> DistinctRows:
+    """The distinct rows of `rows` (N, F) with their counts; 0.0 and -0.0 are the same number."""
+    order = _lexicographic(rows)
+    ordered = rows[order] + 0.0
+    starts = np.ones(len(rows), dtype=bool)
+    starts[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    index = np.empty(len(rows), dtype=np.intp)
+    index[order] = np.cumsum(starts) - 1
+    return DistinctRows(ordered[starts], np.bincount(index).astype(np.float64), index)
+
+
+def _lexicographic(rows: FloatArray) -> NDArray[np.intp]:
+    """(N,) the lexicographic order: by the first column, which most often tells all rows apart, then of its ties."""
+    order = np.argsort(np.ascontiguousarray(rows[:, 0]))
+    first = rows[order, 0]
+    same = first[1:] == first[:-1]
+    tied = np.zeros(len(rows), dtype=bool)
+    tied[1:] = same
+    tied[:-1] |= same
+    some = order[tied]
+    order[tied] = some[np.lexsort(rows[some].T[::-1])]
+    return order

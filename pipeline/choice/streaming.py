@@ -1,0 +1,206 @@
+"""A choice set that is never in memory as a whole: what each part of it adds to kernel sums and to likelihoods.
+
+Every sum over the set is a sum over its parts: of sketches, of log kernel sums at given points, of normalisers. Parts are
+added in a fixed order; their numbers agree with those of the whole set in memory to rounding, and those of sketches to the
+error bound of `kernel/fourier.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.choice.kernel import cost_model
+from pipeline.choice.kernel.density import RELATIVE_ERROR, log_density
+from pipeline.choice.kernel.domain_split import MOST, Slab, cut
+from pipeline.choice.kernel.fourier import DIMENSIONS, Grid, Sketch
+from pipeline.choice.kernel.pairwise import NEGLIGIBLE, Neighbours
+from pipeline.choice.kernel.unique_rows import distinct_rows
+from pipeline.choice.log_sum_exp import LogSumExp, log_likelihood_joined, partial_normaliser
+from pipeline.choice.logspace import log_sum_exp
+from pipeline.choice.validation import FloatArray, matrix
+from pipeline.errors import ArgumentError
+
+_JOINED = 4_000_000  # joined weights that are held at once: 32 MB
+
+
+def sketch_slabs(
+    lower: Sequence[float], upper: Sequence[float], sigma: float, total: int, rows: int, memory_bytes: float
+) -> tuple[Slab, ...] | None:
+    """The fewest slabs of the box for parts of up to `rows` of the `total` rows, or None if no sketch will do.
+
+    That is for more than three features, or where a part's transforms in 64 slabs would still take more than `memory_bytes`.
+    """
+    if len(lower) > DIMENSIONS:
+        return None
+    count = 1
+    while count <= MOST:
+        try:
+            slabs = cut(np.array([lower, upper], dtype=np.float64), total, sigma, count)
+        except ArgumentError:
+            return None
+        if all(cost_model.transform_bytes(slab.grid, rows) <= memory_bytes for slab in slabs):
+            return slabs
+        count *= 2
+    return None
+
+
+def sketch_seconds(slabs: Sequence[Slab], total: int, rows: int) -> float:
+    """What the transforms of all parts take on one core: every slab's, for each part, there and back.
+
+    Each slab is taken to hold all rows of a part, which bounds what they add.
+    """
+    return sum(2 * cost_model.transform_seconds(slab.grid, rows) for slab in slabs) * -(-total // rows)
+
+
+def sketch_of_part(rows: ArrayLike, grid: Grid) -> Sketch:
+    """What a part adds to the sketch of its set."""
+    groups = distinct_rows(matrix("rows", rows))
+    return Sketch.of(groups.rows, grid, groups.counts)
+
+
+def slab_of_part(rows: ArrayLike, slab: Slab) -> Sketch:
+    """What a part adds to the sketch of a slab and its halo."""
+    features = matrix("rows", rows)
+    around = slab.around(features)
+    if not around.any():
+        return Sketch(slab.grid, np.zeros(slab.grid.shape, dtype=np.complex128), 0.0)
+    return sketch_of_part(features[around], slab.grid)
+
+
+def log_sums_of_part(
+    rows: ArrayLike, slabs: Sequence[Slab], sketches: Iterable[Sketch], sigma: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Log kernel sums over the whole set at the rows (M, F) of a part, from the sketches of the set's slabs.
+
+    Returns:
+        (M,) log sums, and (M,) where the error may be more than 1e-6 of the sum, so that they do not count.
+    """
+    groups = distinct_rows(matrix("rows", rows))
+    sums, errors = np.ones(len(groups.rows)), np.zeros(len(groups.rows))
+    beyond = NEGLIGIBLE if len(slabs) > 1 else 0.0
+    for slab, sketch in zip(slabs, sketches, strict=True):
+        own = slab.own(groups.rows)
+        if own.any():
+            sums[own], error = sketch.sums(groups.rows[own], sigma)
+            errors[own] = error + beyond
+    sums = np.maximum(sums, groups.counts)  # identical rows alone make so much
+    wrong = sums * RELATIVE_ERROR < errors
+    return np.log(sums)[groups.index], wrong[groups.index]
+
+
+def log_sums_over_part(points: ArrayLike, rows: ArrayLike, sigma: float) -> FloatArray:
+    """(M,) log kernel sums at any points over the rows of one part; `np.logaddexp` adds those of other parts."""
+    groups = distinct_rows(matrix("rows", rows))
+    return Neighbours(groups.rows, groups.counts).log_sums_at(matrix("points", points), sigma)
+
+
+def others_in_part(points: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(M,) how often each distinct point is a row of the part, and (M,) squared distance to its nearest other row.
+
+    The first adds up over parts, of the second the least counts.
+    """
+    both = distinct_rows(np.concatenate([points, rows]))
+    own = np.bincount(both.index[len(points) :], minlength=len(both.rows))[both.index[: len(points)]]
+    groups, nearest = distinct_rows(rows), np.empty(len(points))
+    neighbours = Neighbours(groups.rows, groups.counts)
+    for here in (own > 0, own == 0):
+        if here.any():
+            nearest[here] = neighbours.nearest(points[here], others=bool(own[here][0]))
+    return own.astype(np.float64), nearest
+
+
+def log_sums_of_others_in_part(
+    points: FloatArray, rows: FloatArray, sigmas: FloatArray, negligible: float
+) -> FloatArray:
+    """(K, M) log kernel sums over the rows of a part that are not the point; `np.logaddexp` adds those of other parts."""
+    groups = distinct_rows(rows)
+    neighbours = Neighbours(groups.rows, groups.counts)
+    inside = neighbours.nearest(points) == 0
+    log_sums = np.full((len(sigmas), len(points)), -np.inf)
+    if inside.any() and len(groups.rows) > 1:
+        log_sums[:, inside] = neighbours.log_sums_of_others(points[inside], sigmas, negligible)
+    if not inside.all():
+        log_sums[:, ~inside] = [neighbours.log_sums_at(points[~inside], sigma) for sigma in sigmas]
+    return log_sums
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedSums:
+    """What parts of a choice set add to the likelihoods of n demonstrations that each join it. They add up, in order.
+
+    Attributes:
+        normaliser: of every hypothesis, for each demonstration; for all alike if the model has no weights.
+        log_kernel: (n,) log kernel sums at the demonstrations, or None without weights.
+    """
+
+    normaliser: LogSumExp
+    log_kernel: FloatArray | None
+
+    def __add__(self, other: JoinedSums) -> JoinedSums:
+        if self.log_kernel is None or other.log_kernel is None:
+            return JoinedSums(self.normaliser + other.normaliser, None)
+        return JoinedSums(self.normaliser + other.normaliser, np.logaddexp(self.log_kernel, other.log_kernel))
+
+    def log_likelihood(
+        self, demonstrations: ArrayLike, thetas: ArrayLike, betas: ArrayLike, origin: ArrayLike
+    ) -> FloatArray:
+        """(n, K, B) what `log_likelihood` returns for the whole set; arguments as in `joined_sums`."""
+        points = matrix("demonstrations", demonstrations)
+        # the kernel at the demonstration itself is 1
+        own = np.zeros(len(points)) if self.log_kernel is None else 0.0 - np.logaddexp(0.0, self.log_kernel)
+        every = np.broadcast_to(self.normaliser.total, (len(points), self.normaliser.total.shape[1]))
+        normaliser = LogSumExp(self.normaliser.peak, every)
+        return log_likelihood_joined(normaliser, points, own, thetas, betas, origin)
+
+
+def joined_sums(
+    alternatives: ArrayLike,
+    demonstrations: ArrayLike,
+    thetas: ArrayLike,
+    betas: ArrayLike,
+    origin: ArrayLike,
+    log_densities: ArrayLike | None = None,
+    sigma: float = 1.0,
+) -> JoinedSums:
+    """What one part of a choice set adds, under LESS, or under Boltzmann if no densities are given.
+
+    >>> from pipeline.choice import Boltzmann, log_likelihood
+    >>> rows, chosen, thetas = [[0.0], [1.0], [2.0]], [[0.5]], [[1.0]]
+    >>> sums = [joined_sums(part, chosen, thetas, [1.0], [0.0]) for part in (rows[:2], rows[2:])]
+    >>> (sums[0] + sums[1]).log_likelihood(chosen, thetas, [1.0], [0.0]).round(6) == log_likelihood(
+    ...     Boltzmann(), chosen, rows, thetas
+    ... ).round(6)
+    array([[[ True]]])
+
+    Args:
+        alternatives: (M, F) scaled features of the part.
+        demonstrations: (n, F) scaled features of trajectories outside the set.
+        thetas: (K, F) reward weights.
+        betas: (B,) inverse temperatures.
+        origin: (F,) as in `partial_normaliser`.
+        log_densities: (M,) log kernel sums over the whole set at the part's rows.
+        sigma: the kernel's bandwidth.
+
+    Returns:
+        The sums of the part.
+
+    Raises:
+        ArgumentError: an argument is out of range.
+    """
+    rows = matrix("alternatives", alternatives)
+    if log_densities is None:
+        return JoinedSums(partial_normaliser(rows, np.zeros(len(rows)), thetas, betas, origin), None)
+    points, log_sums = matrix("demonstrations", demonstrations), np.asarray(log_densities, dtype=np.float64)
+    step = max(_JOINED // len(points), 1)
+    sums = []
+    for first in range(0, len(rows), step):
+        block = slice(first, first + step)
+        log_kernels = np.stack([log_density(point[None], sigma, at=rows[block]) for point in points])
+        joined = 0.0 - np.logaddexp(log_sums[block], log_kernels)
+        normaliser = partial_normaliser(rows[block], 0.0 - log_sums[block], thetas, betas, origin, joined)
+        sums.append(JoinedSums(normaliser, log_sum_exp(log_kernels, axis=1)))
+    return sum(sums[1:], start=sums[0])

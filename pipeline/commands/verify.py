@@ -1,0 +1,341 @@
+"""Whether the tables are still what they say they are: hashes recomputed, a seeded sample replayed.
+
+Nothing is read whole but the files that are hashed: of a table only what the sample needs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline import params
+from pipeline.choice import log_density, log_likelihood, posterior_from
+from pipeline.errors import StageError, TableError, WorkbenchError
+from pipeline.formats.parquet.tables import part_rows, read_part, read_provenance, read_table
+from pipeline.replay.features import bind_features
+from pipeline.replay.scene import model_hash, scene_files
+from pipeline.stages.infer import choice_model
+from pipeline.trajectories.random_streams import child_rng
+from pipeline.workspace.project import STUDIES, Project
+from pipeline.workspace.provenance import content_hash
+from pipeline.workspace.scenes import load_task_scene
+
+Array = NDArray[np.float64]
+MADE_BY = {
+    "ingest": ("demonstrations", "rejected"),
+    "sample": ("alternatives", "sampling"),
+    "featurize": ("features", "feature_units"),
+    "density": ("densities", "scales"),
+    "infer": ("posteriors", "held_out"),
+    "shift": ("shifted_alternatives", "shifted_sampling"),
+    "robustness": (
+        "shifted_features", "robustness", "robustness_posteriors", "robustness_sets", "robustness_summary",
+        "robustness_anova", "robustness_post_hoc", "sensitivity", "sensitivity_summary", "duplicates",
+        "duplicates_summary",
+    ),
+}  # fmt: skip
+MADE_FOR_STUDIES = {
+    "human_choice": tuple(f"human_choice_{name}" for name in ("control", "paper", "predictions", "tests")),
+    "grid_world": (
+        "grid_world", "grid_world_anova", "grid_world_bandwidths", "grid_world_density_1d", "grid_world_density_2d",
+        "grid_world_hypotheses", "grid_world_logistic", "grid_world_paths", "grid_world_post_hoc",
+        "grid_world_posteriors", "grid_world_summary",
+    ),
+}  # fmt: skip
+TOLERANCE = 1e-9  # of a replayed value, relative to the largest of its kind: other processors round otherwise
+DENSITY_TOLERANCE = 1e-6  # of a log density: large sets are summed to a stated error
+REPLAYED = 20_000  # alternatives in a set, at most, for it to be in the sample
+
+
+@dataclass
+class Verified:
+    """What was looked at, and every sentence about something that is no longer as it was."""
+
+    tables: int = 0
+    files: int = 0
+    trajectories: int = 0
+    posteriors: int = 0
+    drift: list[str] = field(default_factory=list)
+
+    def lines(self, name: str) -> list[str]:
+        """One line per drift; if there is none, one that says what was looked at."""
+        if self.drift:
+            return [f"drift: {sentence}" for sentence in self.drift]
+        return [
+            f"{name}: {self.tables} tables as they were made; {self.files} input hashes, {self.trajectories} trajectories "
+            f"and {self.posteriors} posteriors computed again"
+        ]
+
+
+def verify(project: Project, name: str, sample: int) -> Verified:
+    """Look at the tables of the task `name`, or of the studies.
+
+    Args:
+        project: whose tables.
+        name: a task, or `studies`.
+        sample: how many trajectories and how many posteriors are computed again.
+
+    Raises:
+        StageError: there is no table yet.
+    """
+    found = Verified()
+    stages = MADE_FOR_STUDIES if name == STUDIES else MADE_BY
+    if name != STUDIES:
+        project.params.task(name)
+    made = {
+        table: stage for stage, tables in stages.items() for table in tables if project.table(name, table).is_file()
+    }
+    if not made:
+        raise StageError(f"{project.datasets / name}: there are no tables to verify; make them with `dvc repro`")
+    known = _Known(project, name)
+    recorded = _recorded(project)
+    for table, stage in made.items():
+        _check_table(found, known, table, stage, recorded)
+    if name != STUDIES and sample:
+        rng = child_rng(project.params.seed, "verify", name)
+        if {"features", "alternatives", "demonstrations"} <= made.keys():
+            _guarded(found, lambda: _replay_trajectories(found, project, name, sample, rng))
+        if {"posteriors", "densities", "scales", "features", "demonstrations"} <= made.keys():
+            _guarded(found, lambda: _replay_posteriors(found, project, name, sample, rng))
+    return found
+
+
+class _Known:
+    """Hashes of what is there now, each computed once."""
+
+    def __init__(self, project: Project, name: str) -> None:
+        self.project, self.name = project, name
+        self._hashes: dict[Path, str] = {}
+        self.recordings: list[Path] = []
+        outside: list[Path] = []
+        self.model: str | None = None
+        if name != STUDIES:
+            task = project.params.task(name)
+            scene = load_task_scene(project, task)
+            self.model = model_hash(scene)
+            self.recordings = sorted(project.path(task.recordings).glob("*.mcap"))
+            given = project.params.sample.given
+            outside = [*scene_files(scene.path), *self.recordings, *([project.path(given)] if given else [])]
+        self._outside = {project.shown(path): path for path in outside}
+
+    def hash(self, shown: str) -> str | None:
+        """Of an input as provenance names it; None if it is not there."""
+        path = self._outside.get(shown, self.project.root / shown)
+        if path not in self._hashes and path.is_file():
+            self._hashes[path] = content_hash(path)
+        return self._hashes.get(path)
+
+
+def _check_table(found: Verified, known: _Known, table: str, stage: str, recorded: dict[str, str]) -> None:
+    project = known.project
+    path = project.table(known.name, table)
+    shown = project.shown(path)
+    found.tables += 1
+    try:
+        about = read_provenance(path)
+        part_rows(path, table)
+    except TableError as error:
+        found.drift.append(str(error))
+        return
+    module = import_module(f"pipeline.stages.{stage}")
+    depends_on = module.depends_on(*([project] if "name" not in _arguments(module) else [project, known.name]))
+    for what, then, now in (
+        ("other parameters than params.yaml has now (`dvc status` names them)", about.get("parameters"),
+         params.fingerprint(*depends_on)),
+        (f"{about.get('program')}; this is lessbench {version('lessbench')}", about.get("program"),
+         f"lessbench {version('lessbench')}"),
+        (f"the seed {about.get('seed')}; params.yaml has {project.params.seed}", about.get("seed"), project.params.seed),
+        (f"MuJoCo {about.get('mujoco')}; this is {version('mujoco')}", about.get("mujoco"), version("mujoco")),
+        ("another scene model than the task has now", about.get("model"), known.model),
+    ):  # fmt: skip
+        if then != now and (then is not None or what.startswith("other")):
+            found.drift.append(f"{shown}: was made with {what}")
+    inputs: dict[str, str] = about.get("inputs", {})  # type: ignore[assignment]
+    for name, digest in inputs.items():
+        now = known.hash(name)
+        found.files += 1
+        if now is None:
+            found.drift.append(f"{shown}: was made from {name}, which is not there any more")
+        elif now != digest:
+            found.drift.append(f"{shown}: {name} has changed since it was made")
+    if table == "demonstrations":
+        new = [file.name for file in known.recordings if project.shown(file) not in inputs]
+        found.drift += [f"{shown}: was made without the recording {name}" for name in new]
+    if shown in recorded and recorded[shown] != _md5(path):
+        found.drift.append(f"{shown}: is not the file that `dvc repro` wrote")
+
+
+def _arguments(module: Any) -> tuple[str, ...]:
+    function: Callable[..., list[object]] = module.depends_on
+    return function.__code__.co_varnames[: function.__code__.co_argcount]
+
+
+def _guarded(found: Verified, replay: Callable[[], None]) -> None:
+    """A table that can no longer be read, or does not fit the others, is drift and not the end."""
+    try:
+        replay()
+    except WorkbenchError as error:
+        found.drift.append(str(error))
+    except (pl.exceptions.PolarsError, OSError) as error:
+        found.drift.append(f"a table cannot be read ({' '.join(str(error).split())}); make it again with `dvc repro`")
+
+
+def _replay_trajectories(found: Verified, project: Project, name: str, sample: int, rng: np.random.Generator) -> None:
+    """Features of some demonstrations and alternatives, from their waypoints."""
+    task = project.params.task(name)
+    features = bind_features(load_task_scene(project, task), task.features)
+    path = project.table(name, "features")
+    for kind, table in (("demonstration", "demonstrations"), ("alternative", "alternatives")):
+        source = project.table(name, table)
+        count = sum(part_rows(source, table))
+        rows = np.sort(rng.choice(count, min(sample, count), replace=False))
+        trajectories = _rows(source, table, rows, [f"{kind}_id", "waypoints"])
+        ids = trajectories[f"{kind}_id"]
+        stored = pl.scan_parquet(path).filter(pl.col("kind") == kind, pl.col("id").is_in(ids.implode())).collect()
+        joined = pl.DataFrame({"id": ids}).join(stored, on="id", how="left", maintain_order="left")
+        if joined["kind"].null_count():
+            missing = joined.filter(pl.col("kind").is_null())["id"][0]
+            found.drift.append(f"{project.shown(path)}: has no row of the {kind} {missing}")
+            continue
+        absent = [feature for feature in features.names if feature not in stored.columns]
+        if absent:
+            found.drift.append(f"{project.shown(path)}: lacks the feature {absent[0]}")
+            return
+        values = features.evaluate(trajectories["waypoints"].to_numpy().astype(np.float64))
+        found.trajectories += len(values)
+        for f, feature in enumerate(features.names):
+            for row in _different(joined[feature].to_numpy(), values[:, f], TOLERANCE):
+                found.drift.append(
+                    f"{project.shown(path)}: {feature} of the {kind} {ids[row]} is {joined[feature][row]!r}, and "
+                    f"{float(values[row, f])!r} when its waypoints are replayed"
+                )
+
+
+def _rows(path: Path, table: str, rows: NDArray[np.intp], columns: list[str]) -> pl.DataFrame:
+    """Some rows of a table, in order, with one part of it in memory at a time."""
+    ends = np.cumsum(part_rows(path, table))
+    parts = []
+    for number in np.unique(np.searchsorted(ends, rows, side="right")):
+        first = int(ends[number - 1]) if number else 0
+        here = rows[(rows >= first) & (rows < ends[number])] - first
+        part: pl.DataFrame = read_part(path, table, int(number), columns)[here]
+        parts.append(part)
+    return pl.concat(parts)
+
+
+def _replay_posteriors(found: Verified, project: Project, name: str, sample: int, rng: np.random.Generator) -> None:
+    """Posteriors and densities of some sets, from the features."""
+    densities, posteriors = project.table(name, "densities"), project.table(name, "posteriors")
+    scales = read_table(project.table(name, "scales"), "scales")
+    people = read_table(project.table(name, "demonstrations"), "demonstrations", ["demonstration_id", "participant"])
+    sets = (
+        pl.scan_parquet(densities)
+        .filter(pl.col("set_size") <= REPLAYED)
+        .group_by("set_size", "set_id", maintain_order=True)
+        .agg(pl.col("anchor").unique(maintain_order=True))
+        .collect()
+    )
+    if sets.is_empty():
+        return
+    questions = pl.scan_parquet(posteriors).select("model", "demonstration_id", "participant").unique().collect()
+    questions = questions.sort(questions.columns)
+    for _ in range(sample):
+        which = sets.row(int(rng.integers(sets.height)), named=True)
+        model, demonstration_id, participant = questions.row(int(rng.integers(questions.height)))
+        question = {"model": model, "demonstration_id": demonstration_id, "participant": participant}
+        here = {"set_size": which["set_size"], "set_id": which["set_id"]}
+        stored = pl.scan_parquet(posteriors).filter(**question, **here).collect().sort("theta_id", "beta")
+        said = f"{project.shown(posteriors)}: the posterior of {', '.join(map(str, (question | here).values()))}"
+        if stored.is_empty():
+            found.drift.append(f"{said} is missing")
+            continue
+        chosen = _of(people, demonstration_id, participant)
+        thetas = np.array(stored.unique("theta_id", maintain_order=True)["theta"].to_list())
+        betas = np.sort(stored["beta"].unique().to_numpy())
+        total = np.zeros((len(thetas), len(betas)))
+        for alternatives, kernel, of in _choice_sets(found, project, name, scales, here, which["anchor"], chosen):
+            values = log_likelihood(choice_model(model, kernel), of, alternatives, thetas, betas)
+            total += values.sum(axis=0)
+        replayed = posterior_from(total, thetas, betas).log_probability.ravel()
+        found.posteriors += 1
+        for column, again in (("log_posterior", replayed), ("posterior", np.exp(replayed))):
+            wrong = _different(stored[column].to_numpy(), again, TOLERANCE)
+            if wrong:
+                theta, beta = stored["theta_id"][wrong[0]], stored["beta"][wrong[0]]
+                found.drift.append(
+                    f"{said}: {column} of theta {theta}, beta {beta:g} is {stored[column][wrong[0]]!r}, and "
+                    f"{float(again[wrong[0]])!r} when computed again"
+                )
+
+
+def _choice_sets(
+    found: Verified, project: Project, name: str, scales: pl.DataFrame, here: dict[str, Any], anchors: list[str],
+    chosen: list[str],
+) -> Iterator[tuple[Array, float, Array]]:  # fmt: skip
+    """Per anchor that some of the chosen demonstrations have: alternatives (N, F), bandwidth, demonstrations (n, F)."""
+    names, scale = scales["feature"].to_list(), scales["scale"].to_numpy()
+    features = pl.scan_parquet(project.table(name, "features"))
+    for anchor in anchors:
+        mine = chosen if anchor == "task" else [one for one in chosen if one == anchor]
+        if not mine:
+            continue
+        demonstrations = features.filter(pl.col("kind") == "demonstration", pl.col("id").is_in(mine)).collect()
+        if demonstrations.height < len(mine):
+            raise StageError(f"{project.shown(project.table(name, 'features'))}: has no row of a demonstration")
+        phi = features.filter(anchor=anchor, **here).select("id", *names).collect()
+        if phi.is_empty():
+            raise StageError(f"{project.shown(project.table(name, 'features'))}: has no rows of the set {here}")
+        path = project.table(name, "densities")
+        density = pl.scan_parquet(path).filter(anchor=anchor, **here).collect()
+        joined = phi.join(density, left_on="id", right_on="alternative_id", how="left", maintain_order="left")
+        bandwidth = float(density["bandwidth"][0])
+        alternatives = joined.select(names).to_numpy() / scale
+        again = log_density(alternatives, bandwidth)
+        for row in _different(joined["log_density"].to_numpy(), again, DENSITY_TOLERANCE)[:1]:
+            found.drift.append(
+                f"{project.shown(path)}: log_density of {joined['id'][row]} is {joined['log_density'][row]!r}, "
+                f"and {float(again[row])!r} when computed again"
+            )
+        yield alternatives, bandwidth, demonstrations.select(names).to_numpy() / scale
+
+
+def _of(people: pl.DataFrame, demonstration_id: str, participant: str) -> list[str]:
+    if demonstration_id != "all":
+        return [demonstration_id]
+    rows = people if participant == "all" else people.filter(participant=participant)
+    return rows["demonstration_id"].to_list()
+
+
+def _different(stored: Array, again: Array, tolerance: float) -> list[int]:
+    scale = max(float(np.abs(again).max(initial=0.0)), 1.0)
+    differs: list[int] = np.flatnonzero(~(np.abs(stored - again) <= tolerance * scale)).tolist()
+    return differs
+
+
+def _recorded(project: Project) -> dict[str, str]:
+    """The MD5 of every file that `dvc repro` recorded, by path."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    path = project.root / "dvc.lock"
+    if not path.is_file():
+        return {}
+    try:
+        stages = YAML(typ="safe").load(path.read_text(encoding="utf-8"))["stages"].values()
+        return {out["path"]: out["md5"] for stage in stages for out in stage["outs"]}
+    except (YAMLError, TypeError, KeyError):
+        raise StageError(f"{path}: cannot be read; mend it with `lessbench recover`") from None
+
+
+def _md5(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()

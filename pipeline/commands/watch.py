@@ -1,0 +1,441 @@
+"""`lessbench watch`: the posterior as people demonstrate, recording by recording, before any stage is run again.
+
+The alternatives, their scales and their bandwidth are those of the task's tables; the demonstrations are those of the
+folder and nothing else. The answer is that of `dvc repro` on the same recordings with these alternatives.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.choice import Posterior, entropy, log_likelihood, posterior_from
+from pipeline.commands.serve import Live, announce, claimed, interrupted, say
+from pipeline.errors import RecordingError, StageError, WorkbenchError
+from pipeline.formats.files.atomic import folder_written_whole
+from pipeline.formats.mcap.folder_watcher import Arrivals, News
+from pipeline.formats.mcap.rejection_reasons import plain
+from pipeline.formats.parquet.tables import read_table, write_table
+from pipeline.params import Task
+from pipeline.replay.features import FeatureSet, bind_features
+from pipeline.replay.geometry import body_poses, extract_geometry
+from pipeline.replay.replay import body_positions
+from pipeline.replay.scene import Scene, scene_files
+from pipeline.stages import infer, ingest
+from pipeline.stages.ingest import LONGEST_NAME, REJECTED, demonstration
+from pipeline.stages.inspect import PATHS
+from pipeline.trajectories.random_streams import child_rng
+from pipeline.views import palette
+from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
+from pipeline.views.rerun.records import AlternativeSet, Replay
+from pipeline.views.rerun.server import require_listening, server
+from pipeline.views.task_summary import density_map, replay_samples, theta_labels, theta_meaning
+from pipeline.views.task_view import ALTERNATIVE, read_columns, read_waypoints
+from pipeline.workspace.project import WORKING, Project, recorded_run
+from pipeline.workspace.provenance import provenance
+from pipeline.workspace.scenes import load_task_scene
+
+if TYPE_CHECKING:
+    from pipeline.views.rerun.server import Address
+
+Floats = NDArray[np.float64]
+FOLDER = "watch"  # in the task's folder of datasets: what is kept when watching ends
+TABLES = ("alternatives", "features", "scales", "densities")
+LOOK_S = 0.5
+POSES = 100  # configurations of alternatives that show which bodies move
+
+
+@dataclass(frozen=True)
+class Until:
+    """When watching ends, besides Ctrl-C and SIGTERM.
+
+    Attributes:
+        demonstrations: once so many are in use.
+        idle_s: once nothing has come for so long.
+    """
+
+    demonstrations: int | None = None
+    idle_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What a task's tables say before any demonstration.
+
+    Attributes:
+        name, task, scene: the task.
+        features, units: names and units of the features.
+        scale: (F,) what raw values are divided by.
+        raw: (N, F) raw values of the working set.
+        bandwidth: of LESS on it.
+        waypoints: (A, T, J) of the alternatives that are drawn.
+        drawn: their paths.
+        feature_set: what evaluates the features.
+        thetas, betas: the hypotheses.
+        sources: the tables.
+    """
+
+    name: str
+    task: Task
+    scene: Scene
+    features: tuple[str, ...]
+    units: tuple[str, ...]
+    scale: Floats
+    raw: Floats
+    bandwidth: float
+    waypoints: Floats
+    drawn: AlternativeSet
+    feature_set: FeatureSet
+    thetas: Floats
+    betas: Floats
+    sources: tuple[Path, ...]
+
+
+@dataclass
+class Belief:
+    """What the demonstrations so far say; in the order of their names, as `dvc repro` has them.
+
+    Attributes:
+        setting: of the task.
+        models: labels of the models.
+        rows: by demonstration, its row of demonstrations.parquet.
+        raw: by demonstration, (F,) raw values of its features.
+        log_likelihoods: by demonstration and model, (K, B).
+    """
+
+    setting: Setting
+    models: tuple[str, ...]
+    rows: dict[str, dict[str, Any]] = field(default_factory=dict)
+    raw: dict[str, Floats] = field(default_factory=dict)
+    log_likelihoods: dict[str, dict[str, Floats]] = field(default_factory=dict)
+
+    def take(self, row: dict[str, Any]) -> None:
+        """Take a demonstration in, in place of what had its name before."""
+        setting, key = self.setting, row["demonstration_id"]
+        raw = setting.feature_set.evaluate(row["waypoints"][None])
+        phi, alternatives = raw / setting.scale, setting.raw / setting.scale
+        self.log_likelihoods[key] = {
+            label: log_likelihood(
+                infer.choice_model(label, setting.bandwidth), phi, alternatives, setting.thetas, setting.betas
+            )[0]
+            for label in self.models
+        }
+        self.rows[key], self.raw[key] = row, raw[0]
+
+    def drop(self, key: str) -> None:
+        """Forget a demonstration."""
+        for kept in (self.rows, self.raw, self.log_likelihoods):
+            kept.pop(key, None)
+
+    def values(self, model: str) -> Floats:
+        """(n, K, B) log likelihoods."""
+        shape = (0, len(self.setting.thetas), len(self.setting.betas))
+        return np.array([self.log_likelihoods[key][model] for key in sorted(self.rows)]).reshape(-1, *shape[1:])
+
+    def posteriors(self) -> dict[str, Posterior]:
+        """By model, over all demonstrations together."""
+        setting = self.setting
+        return {
+            model: posterior_from(self.values(model).sum(axis=0), setting.thetas, setting.betas)
+            for model in self.models
+        }
+
+    def on_map(self) -> Floats:
+        """(n, 2) raw values of the map's two features."""
+        raw = np.array([self.raw[key] for key in sorted(self.rows)]).reshape(-1, len(self.setting.features))
+        return raw[:, _pair(self.setting)]
+
+
+def run(project: Project, folder: Path | None, name: str | None, until: Until, live: Live | None) -> None:
+    """Watch a folder until told to end, then keep what was found in `datasets/<task>/watch`.
+
+    Raises:
+        StageError: it is not clear which task is meant, or its tables cannot be used.
+        TableError: a table is missing or not what it should be.
+    """
+    name, folder = which_task(project, folder, name)
+    address = None if live is None else claimed(live)
+    with recorded_run(project, "watch", name) as record:
+        setting = read_setting(project, name)
+        belief = Belief(setting, project.params.infer.models)
+        arrivals = Arrivals(folder)
+        rejected: dict[str, dict[str, str]] = {}
+        target = project.datasets / name / FOLDER
+        try:
+            with folder_written_whole(target) as partial:
+                with _shown(partial, setting, belief, address) as shown:
+                    say(
+                        f"watching {folder}{'' if folder.is_dir() else ' (not there yet)'} for {name}: {len(setting.raw):,} alternatives, {len(setting.thetas)} thetas x "
+                        f"{len(setting.betas)} betas; Ctrl-C ends"
+                    )
+                    for path in _files(arrivals, belief, until, shown):
+                        _take(path, project, belief, rejected, shown)
+                if not belief.rows:
+                    raise _NothingToKeep
+                _write(partial, project, belief, rejected, folder)
+        except _NothingToKeep:
+            say("no demonstration came, so nothing was kept")
+            record.produced = "nothing: no demonstration came"
+            return
+        record.produced = ", ".join(_counts(belief, rejected, arrivals))
+        say(f"{record.produced}; kept in {project.shown(target)}")
+
+
+class _NothingToKeep(Exception):
+    """Leaves what an earlier run kept where it is."""
+
+
+def which_task(project: Project, folder: Path | None, name: str | None) -> tuple[str, Path]:
+    """The task and the folder, each of which may say the other.
+
+    Raises:
+        StageError: neither does.
+    """
+    tasks = project.params.tasks
+    if name is not None:
+        return name, folder or project.path(project.params.task(name).recordings)
+    own = {key: project.path(task.recordings).resolve() for key, task in tasks.items()}
+    mine = [key for key, path in own.items() if folder is not None and path == folder.resolve()]
+    if len(mine) == 1 or len(tasks) == 1:
+        found = mine[0] if mine else next(iter(tasks))
+        return found, folder or own[found]
+    said = "no folder was given" if folder is None else f"{folder} is the folder of recordings of no one task"
+    raise StageError(f"{said}; say which task is meant with --task: {', '.join(tasks)}")
+
+
+def read_setting(project: Project, name: str) -> Setting:
+    """What the tables of a task say.
+
+    Raises:
+        StageError: its alternatives belong to single demonstrations.
+        TableError: a table is missing or not what it should be.
+    """
+    task = project.params.task(name)
+    if task.anchor != "task":
+        raise StageError(
+            f"tasks.{name}.anchor is {task.anchor!r}: each demonstration needs alternatives of its own, which new ones do "
+            "not have yet; set it to task, or run `dvc repro` after each recording"
+        )
+    sources = tuple(project.table(name, table) for table in TABLES)
+    scales = read_table(sources[2], "scales")
+    names = tuple(scales["feature"])
+    if set(names) != set(task.features):
+        raise StageError(f"{sources[2]}: has features other than tasks.{name}.features; run `dvc repro`")
+    working = pl.col("set_id") == WORKING
+    features = read_columns(sources[1], "features", ["set_id", *names]).filter(working)
+    columns = ["alternative_id", "set_id", "bandwidth", "log_density"]
+    densities = read_columns(sources[3], "densities", columns).filter(working)
+    alternatives = read_columns(sources[0], "alternatives", ALTERNATIVE).filter(working)
+    both = alternatives.join(densities, on="alternative_id", how="inner", maintain_order="left")
+    if not features.height == alternatives.height == both.height > 0:
+        raise StageError(f"{sources[3]}: does not have the alternatives of {sources[0].name}; run `dvc repro`")
+    scene = load_task_scene(project, task)
+    some = _some(project, name, both)
+    waypoints = read_waypoints(sources[0], some["alternative_id"])
+    paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
+    log_weights = -some["log_density"].to_numpy()
+    return Setting(
+        name=name,
+        task=task,
+        scene=scene,
+        features=names,
+        units=tuple(scales["unit"]),
+        scale=scales["scale"].to_numpy(),
+        raw=np.ascontiguousarray(features.select(names).to_numpy()),
+        bandwidth=float(both["bandwidth"][0]),
+        waypoints=waypoints,
+        drawn=AlternativeSet((WORKING,), tuple(some["sampler"]), paths, log_weights, shown=True),
+        feature_set=bind_features(scene, {feature: task.features[feature] for feature in names}),
+        thetas=infer.hypotheses(task, project.params.infer),
+        betas=np.array(project.params.infer.betas),
+        sources=sources,
+    )
+
+
+def _some(project: Project, name: str, alternatives: pl.DataFrame) -> pl.DataFrame:
+    """As many as are to be drawn, the same every time."""
+    if alternatives.height <= PATHS:
+        return alternatives
+    rng = child_rng(project.params.seed, "watch", name)
+    return alternatives[np.sort(rng.choice(alternatives.height, PATHS, replace=False))]
+
+
+def _files(arrivals: Arrivals, belief: Belief, until: Until, shown: Watched) -> Iterator[Path]:
+    """The recordings to take, one by one, until it is time to end."""
+    last = time.monotonic()
+    with interrupted() as stop:
+        while True:
+            news = arrivals.look()
+            if news.whole or news.gone:
+                last = time.monotonic()
+            _forget(news, belief, shown)
+            for path in news.whole:
+                yield path
+                if stop.is_set() or _enough(belief, until):
+                    return
+            for path in news.waiting:
+                say(f"{path.name}: waits, as it is not closed yet; whoever records it may still be writing")
+            if until.idle_s is not None and time.monotonic() - last >= until.idle_s:
+                return
+            if stop.wait(LOOK_S):
+                return
+
+
+def _enough(belief: Belief, until: Until) -> bool:
+    return until.demonstrations is not None and len(belief.rows) >= until.demonstrations
+
+
+def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict[str, str]], shown: Watched) -> None:
+    known = path.stem in belief.rows
+    try:
+        row = demonstration(path, belief.setting.scene, project.params.ingest)
+        belief.take(row)
+    except WorkbenchError as error:
+        reason, detail = (
+            (error.reason, error.detail) if isinstance(error, RecordingError) else ("no-likelihood", str(error))
+        )
+        name = plain(path.name, LONGEST_NAME + 60)
+        rejected[path.name] = {"source": name, "reason": reason, "detail": detail}
+        say(f"{name}: not used ({reason}): {detail.rstrip('.')}")
+        if known:
+            belief.drop(path.stem)
+            shown.remove(path.stem, belief.on_map(), *_marginals(belief))
+        return
+    rejected.pop(path.name, None)
+    setting = belief.setting
+    shown.show(
+        Arrival(
+            row["demonstration_id"],
+            _replay(setting.scene, row["waypoints"], row["duration_s"]),
+            body_positions(setting.scene, row["waypoints"][None], [setting.scene.end_effector])[
+                setting.scene.end_effector
+            ][0],
+            belief.on_map(),
+            *_marginals(belief),
+        )
+    )
+    say(f"{len(belief.rows):>3} {path.name}{' again' if known else ''}: {'; '.join(_lines(belief))}")
+
+
+def _forget(news: News, belief: Belief, shown: Watched) -> None:
+    for path in news.gone:
+        if path.stem in belief.rows:
+            belief.drop(path.stem)
+            shown.remove(path.stem, belief.on_map(), *_marginals(belief))
+            say(f"{len(belief.rows):>3} {path.name} is gone: {'; '.join(_lines(belief))}")
+
+
+def _lines(belief: Belief) -> list[str]:
+    """Per model, what is most probable and how sure that is."""
+    names, thetas = belief.setting.features, belief.setting.thetas
+    labels, found = theta_labels(thetas, names), []
+    for model, posterior in belief.posteriors().items():
+        best, left = posterior.map_index, np.exp(entropy(posterior.marginal_theta))
+        found.append(
+            f"{palette.model_name(model)} {labels[best]} (P {posterior.marginal_theta[best]:.3f}, {left:.1f} of "
+            f"{len(thetas)} thetas left)"
+        )
+    return found
+
+
+def _marginals(belief: Belief) -> tuple[dict[str, Floats], str]:
+    """By model, the posterior over theta, and the text beside it."""
+    posteriors = {model: posterior.marginal_theta for model, posterior in belief.posteriors().items()}
+    lines = [
+        f"# {belief.setting.name}",
+        "",
+        f"**{len(belief.rows)} demonstration{'s' * (len(belief.rows) != 1)}** so far, {len(belief.setting.raw):,} alternatives.",
+        "",
+        *(f"- {line}" for line in _lines(belief)),
+        "",
+        f"Taken in: {', '.join(sorted(belief.rows)) or 'none yet'}.",
+    ]
+    return posteriors, "\n".join(lines)
+
+
+@contextmanager
+def _shown(partial: Path, setting: Setting, belief: Belief, address: Address | None) -> Iterator[Watched]:
+    """The recording of what is watched, saved in the folder and served at the address."""
+    pair = _pair(setting)
+    sigma = setting.bandwidth * setting.scale
+    configurations = setting.waypoints.reshape(-1, setting.waypoints.shape[-1])[: POSES * 10 : 10]
+    positions, quaternions = body_poses(setting.scene, configurations)
+    samples = np.arange(len(configurations))
+    poses = Replay(
+        extract_geometry(setting.scene.model), positions, quaternions, samples.astype(np.float64), 0 * samples
+    )
+    priors, summary = _marginals(belief)
+    beginning = Beginning(
+        task=setting.name,
+        poses=poses,
+        alternatives=setting.drawn,
+        map=density_map(
+            (setting.features[pair[0]], setting.features[pair[1]]),
+            (setting.units[pair[0]], setting.units[pair[1]]),
+            setting.raw[:, pair],
+            np.empty((0, 2)),
+            sigma[pair],
+        ),
+        theta_labels=theta_labels(setting.thetas, setting.features),
+        theta_meaning=theta_meaning(setting.thetas),
+        priors=priors,
+        summary=summary,
+    )
+    with ExitStack() as stack:
+        sinks = [] if address is None else [server(address)]
+        shown = stack.enter_context(watched(partial / "inspect.rrd", beginning, *sinks))
+        if address is not None:
+            require_listening(address)
+            announce(address, f"what is watched for {setting.name}", stay=True)
+        yield shown
+
+
+def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, dict[str, str]], folder: Path) -> None:
+    """Tables as those of the stages, of the working set alone."""
+    setting = belief.setting
+    rows = [belief.rows[key] for key in sorted(belief.rows)]
+    table = pl.DataFrame(rows, schema_overrides={"true_theta": pl.String, "lost": pl.String}).with_columns(
+        waypoints=pl.Series(np.stack([row["waypoints"] for row in rows]))
+    )
+    people = table.select("demonstration_id", "participant")
+    files = [folder / row["source"] for row in rows if (folder / row["source"]).is_file()]
+    used = [*files, *scene_files(setting.scene.path)]
+    stated = provenance(project, ingest.depends_on(project, setting.name), used)
+    write_table(partial / "demonstrations.parquet", "demonstrations", table, stated)
+    write_table(partial / "rejected.parquet", "rejected", pl.DataFrame(list(rejected.values()), REJECTED), stated)
+    posteriors = []
+    for model in belief.models:
+        about = {"task": setting.name, "model": model, "set_size": len(setting.raw), "set_id": WORKING}
+        columns = [pl.lit(value).alias(column) for column, value in about.items()]
+        groups = infer.groups_of(people)
+        found = infer.posterior_rows(groups, belief.values(model), setting.thetas, setting.betas)
+        posteriors.append(found.with_columns(columns))
+    stated = provenance(project, infer.depends_on(project, setting.name), [*files, *setting.sources])
+    write_table(partial / "posteriors.parquet", "posteriors", pl.concat(posteriors), stated)
+
+
+def _counts(belief: Belief, rejected: dict[str, dict[str, str]], arrivals: Arrivals) -> list[str]:
+    unfinished = [path for path in arrivals.open if path.name not in rejected and path.stem not in belief.rows]
+    return [
+        f"{len(belief.rows)} demonstration{'s' * (len(belief.rows) != 1)}",
+        *([f"{len(rejected)} not used"] if rejected else []),
+        *([f"{len(unfinished)} never closed ({', '.join(path.name for path in unfinished)})"] if unfinished else []),
+    ]
+
+
+def _replay(scene: Scene, waypoints: Floats, duration_s: float) -> Replay:
+    configurations, time_s, which = replay_samples(waypoints[None], np.array([duration_s]))
+    positions, quaternions = body_poses(scene, configurations)
+    return Replay(extract_geometry(scene.model), positions, quaternions, time_s, which)
+
+
+def _pair(setting: Setting) -> list[int]:
+    return [0, min(1, len(setting.features) - 1)]

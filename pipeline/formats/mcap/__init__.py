@@ -1,0 +1,1 @@
+"""Recordings: MCAP files with joint states, read as untrusted data and written."""

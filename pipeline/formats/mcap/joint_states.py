@@ -1,0 +1,319 @@
+"""Recorded demonstrations: joint states in MCAP, as a ROS 2 driver's bag holds them.
+
+The contract of the channel is `schemas/joint_state.ros2msg`; the codes of `RecordingError.reason` are in `reasons.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ArgumentError, RecordingError
+from pipeline.formats.mcap.channels import ChannelContents, Contents, LoggedBlock
+from pipeline.formats.mcap.container import CutOff, Limits
+from pipeline.formats.mcap.rejection_reasons import REASONS, Reason, rejection
+from pipeline.formats.mcap.writer import write_joint_states
+
+__all__ = [
+    "REASONS",
+    "JointRecording",
+    "Limits",
+    "Reason",
+    "RecordingReport",
+    "TopicReport",
+    "inspect_recording",
+    "read_joint_states",
+    "write_joint_states",
+]
+
+Clock = Literal["header", "log"]
+LONGEST_S = 30 * 86_400  # from the first pose to the last; also what float seconds still resolve to a nanosecond
+FARTHEST = 1e6  # rad or m; a position beyond it is a mistake in the file, and would make MuJoCo overflow
+_LISTED = 32  # names in a message
+
+
+@dataclass(frozen=True)
+class JointRecording:
+    """The poses of one recording, in order of time.
+
+    Attributes:
+        path: the file.
+        topic: where the poses were published.
+        time_ns: (M,) strictly increasing, M >= 2.
+        names: the K joints.
+        positions: (M, K) finite, rad for revolute joints and m for prismatic ones, as recorded (not unwrapped).
+        metadata: the file's metadata records, name -> key -> text.
+        clock: what `time_ns` is: header stamps if every pose has one that is not zero, MCAP log times otherwise.
+        lost: None for a whole file; of one that is cut off, a sentence that says what is missing.
+    """
+
+    path: Path
+    topic: str
+    time_ns: NDArray[np.int64]
+    names: tuple[str, ...]
+    positions: NDArray[np.float64]
+    metadata: dict[str, dict[str, str]]
+    clock: Clock
+    lost: str | None = None
+
+
+@dataclass(frozen=True)
+class TopicReport:
+    """What one topic of a recording holds; duration and rate are by log time, rate None below two messages."""
+
+    topic: str
+    schema: str
+    encoding: str
+    messages: int
+    joints: tuple[str, ...]
+    duration_s: float
+    rate_hz: float | None
+
+
+@dataclass(frozen=True)
+class RecordingReport:
+    """What a file holds as far as it can be read, and whether it can be used.
+
+    Attributes:
+        path: the file.
+        profile: of the MCAP header, `ros2` for a ROS 2 bag.
+        library: what wrote the file.
+        topics: all topics, by name.
+        metadata: the file's metadata records.
+        recording: the poses, or None if the file cannot be used.
+        reason: why it cannot be used, or None.
+        detail: the same as a sentence, or None.
+        salvageable: of a file that is cut off: the poses before that place, if `salvage` would take them.
+    """
+
+    path: Path
+    profile: str
+    library: str
+    topics: tuple[TopicReport, ...]
+    metadata: dict[str, dict[str, str]]
+    recording: JointRecording | None
+    reason: str | None
+    detail: str | None
+    salvageable: JointRecording | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether `read_joint_states` accepts the file with the same arguments."""
+        return self.reason is None
+
+
+def read_joint_states(
+    path: Path | str,
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+    limits: Limits | None = None,
+    *,
+    salvage: bool = False,
+) -> JointRecording:
+    """Read the poses of one recording.
+
+    Messages are taken in the order in which the file has them: a recorder writes one topic as it comes, so a time that
+    goes back means that a clock was set or that the file was put together, and either makes the motion a guess. Skipped are messages without positions (they
+    carry no pose), messages naming none of the joints (another device on the same topic), and exact repeats: the same
+    pose at the same time. Anything else that is out of order is an error, nothing is repaired.
+
+    Args:
+        path: an MCAP file.
+        topic: which JointState topic; None for the only one, or the only one that has all of `joints`.
+        joints: the joints needed, which become the columns in this order; None for those of the first message.
+        limits: what reading may cost.
+        salvage: of a file that is cut off, use the whole records before that place instead of refusing it. Only a cut is
+            salvaged: what fails a checksum or contradicts itself is refused all the same.
+
+    Raises:
+        ArgumentError: `joints` is empty or names a joint twice.
+        RecordingError: the recording cannot be used; its reason is one of `REASONS` except does-not-move.
+    """
+    _check_joints(joints)
+    contents = Contents()
+    try:
+        contents.read(Path(path), limits or Limits())
+    except CutOff:
+        if not salvage:
+            raise
+    return _joint_recording(Path(path), contents, topic, joints)
+
+
+def inspect_recording(
+    path: Path | str,
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+    limits: Limits | None = None,
+) -> RecordingReport:
+    """Say what a file holds and whether `read_joint_states` would accept it; arguments as there.
+
+    Raises:
+        ArgumentError: `joints` is empty or names a joint twice.
+    """
+    _check_joints(joints)
+    contents = Contents()
+    recording, salvageable, reason, detail = None, None, None, None
+    try:
+        contents.read(Path(path), limits or Limits())
+        recording = _joint_recording(Path(path), contents, topic, joints)
+    except RecordingError as error:
+        reason, detail = error.reason, error.detail
+    if contents.cut is not None:
+        with suppress(RecordingError):
+            salvageable = _joint_recording(Path(path), contents, topic, joints)
+    channels = sorted(contents.channels.values(), key=lambda channel: channel.topic)
+    return RecordingReport(
+        path=Path(path),
+        profile=contents.profile,
+        library=contents.library,
+        topics=tuple(_topic_report(channel) for channel in channels),
+        metadata=contents.metadata,
+        recording=recording,
+        reason=reason,
+        detail=detail,
+        salvageable=salvageable,
+    )
+
+
+def _topic_report(channel: ChannelContents) -> TopicReport:
+    duration_s = (channel.last_log_ns - channel.first_log_ns) / 1e9
+    return TopicReport(
+        topic=channel.topic,
+        schema=channel.schema,
+        encoding=channel.encoding,
+        messages=channel.messages,
+        joints=_joint_names(channel.blocks),
+        duration_s=duration_s,
+        rate_hz=(channel.messages - 1) / duration_s if duration_s > 0 else None,
+    )
+
+
+def _check_joints(joints: Sequence[str] | None) -> None:
+    if joints is not None and (isinstance(joints, str) or not joints or len(set(joints)) < len(joints)):
+        raise ArgumentError(f"joints must be one or more different names or None, got {joints!r}.")
+
+
+def _joint_names(blocks: Sequence[LoggedBlock]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for block in blocks for name in block.states.names))
+
+
+def _joint_recording(path: Path, contents: Contents, topic: str | None, joints: Sequence[str] | None) -> JointRecording:
+    by_topic: dict[str, list[LoggedBlock]] = {}
+    for channel in contents.channels.values():
+        if channel.has_joint_states:
+            by_topic.setdefault(channel.topic, []).extend(channel.blocks)
+    if not by_topic or (topic is not None and topic not in by_topic):
+        wanted = "sensor_msgs/msg/JointState in CDR" + (f" on {topic}" if topic else "")
+        raise rejection("no-joint-states", f"There is no {wanted}; the file has {_listing(contents)}.")
+    topic = _choose_topic(by_topic, joints) if topic is None else topic
+    blocks = [block for block in by_topic[topic] if block.states.names]
+    if not blocks:
+        raise rejection("too-few-messages", f"No message on {topic} has positions; at least 2 poses are needed.")
+    names = tuple(joints or min(blocks, key=lambda block: block.log_ns.min()).states.names)
+    time_ns, positions, clock = _poses(topic, blocks, names)
+    time_ns.flags.writeable = positions.flags.writeable = False
+    return JointRecording(path, topic, time_ns, names, positions, contents.metadata, clock, _lost(contents))
+
+
+def _lost(contents: Contents) -> str | None:
+    """What a file that breaks off has lost, as far as that can be known."""
+    cut = contents.cut
+    if cut is None:
+        return None
+    if not cut.in_data:
+        return "No message: the file breaks off after the last of them."
+    trust = f", {cut.unchecked} of their bytes covered by no checksum" if cut.unchecked else ""
+    return (
+        f"{cut.left} bytes from byte {cut.at} on and whatever was never written; used are the {contents.messages} messages "
+        f"before{trust}."
+    )
+
+
+def _listing(contents: Contents) -> str:
+    channels = sorted({(c.topic, c.schema or "no schema", c.encoding) for c in contents.channels.values()})
+    return _some([f"{topic} ({schema}, {encoding})" for topic, schema, encoding in channels]) or "no topics"
+
+
+def _some(names: Sequence[str]) -> str:
+    more = len(names) - _LISTED
+    return ", ".join([*names[:_LISTED], *([f"and {more} more"] if more > 0 else [])])
+
+
+def _choose_topic(by_topic: dict[str, list[LoggedBlock]], joints: Sequence[str] | None) -> str:
+    names = {topic: _joint_names(blocks) for topic, blocks in by_topic.items()}
+    fitting = sorted(topic for topic in names if set(joints or ()) <= set(names[topic]))
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        fit = "hold all joints" if joints else "hold joint states"
+        raise rejection("ambiguous-topic", f"The topics {_some(fitting)} {fit}; name the one to use.")
+    found = "; ".join(f"{topic}: {_some(names[topic]) or 'none'}" for topic in sorted(names)[:_LISTED])
+    raise rejection("joints-missing", f"No topic has all of {_some(joints or ())}; recorded are {found}.")
+
+
+def _poses(
+    topic: str, blocks: Sequence[LoggedBlock], names: tuple[str, ...]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], Clock]:
+    used = [block for block in blocks if not set(names).isdisjoint(block.states.names)]
+    for block in used:
+        missing = [name for name in names if name not in block.states.names]
+        if missing:
+            raise rejection(
+                "joints-missing",
+                f"A message on {topic} lacks {_some(missing)}; it has {_some(block.states.names)}.",
+            )
+    if sum(len(block.log_ns) for block in used) < 2:
+        raise _too_few(topic, sum(len(block.log_ns) for block in used), names)
+    log_ns = np.concatenate([block.log_ns for block in used])
+    stamp_ns = np.concatenate([block.states.stamp_ns for block in used])
+    positions = np.concatenate([_columns(block, names) for block in used])
+    order = np.argsort(np.concatenate([block.place for block in used]), kind="stable")
+    clock: Clock = "header" if (stamp_ns > 0).all() else "log"
+    time_ns = (stamp_ns if clock == "header" else log_ns)[order]
+    positions = positions[order]
+    if not np.isfinite(positions).all():
+        row, column = np.argwhere(~np.isfinite(positions))[0]
+        raise rejection("not-finite", f"Pose {row + 1} on {topic} has {names[column]} at {positions[row, column]}.")
+    if (np.abs(positions) > FARTHEST).any():
+        row, column = np.argwhere(np.abs(positions) > FARTHEST)[0]
+        raise rejection(
+            "out-of-range",
+            f"Pose {row + 1} on {topic} has {names[column]} at {positions[row, column]:g}; no joint goes beyond {FARTHEST:g}.",
+        )
+    step_ns = np.diff(time_ns)
+    fresh = np.concatenate([[True], (step_ns != 0) | (positions[1:] != positions[:-1]).any(axis=1)])
+    time_ns, positions = time_ns[fresh], positions[fresh]
+    if len(time_ns) < 2:
+        raise _too_few(topic, len(time_ns), names)
+    step_ns = np.diff(time_ns)
+    if (step_ns <= 0).any():
+        row = int((step_ns <= 0).argmax())
+        raise rejection(
+            "time-not-increasing",
+            f"Pose {row + 2} on {topic} comes {step_ns[row] / 1e9:g} s after the pose before it by its {clock} time; "
+            "times must increase.",
+        )
+    span_s = (int(time_ns[-1]) - int(time_ns[0])) / 1e9
+    if span_s > LONGEST_S:
+        raise rejection(
+            "out-of-range",
+            f"The poses on {topic} span {span_s / 86_400:.4g} days by their {clock} time; one demonstration takes at most "
+            f"{LONGEST_S / 86_400:g}.",
+        )
+    return time_ns, positions, clock
+
+
+def _columns(block: LoggedBlock, names: tuple[str, ...]) -> NDArray[np.float64]:
+    if block.states.names == names:
+        return block.states.positions
+    return block.states.positions[:, [block.states.names.index(name) for name in names]]
+
+
+def _too_few(topic: str, count: int, names: tuple[str, ...]) -> RecordingError:
+    return rejection("too-few-messages", f"Topic {topic} has {count} pose of {_some(names)}; 2 or more are needed.")

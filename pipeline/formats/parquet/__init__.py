@@ -1,0 +1,1 @@
+"""Tables: Parquet files that follow the schemas of `schemas/`, whole or in partitions."""

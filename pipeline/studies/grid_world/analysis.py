@@ -1,0 +1,128 @@
+"""The statistics of the grid world: is inference better when its model is that of the people?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import polars as pl
+
+from pipeline.studies.grid_world.trials import HIDDEN_MODELS, SAMPLING_MODELS
+from pipeline.studies.statistics import repeated_logistic, repeated_measures_anova, tukey_hsd
+
+FACTORIAL = (
+    "sampling x inference"  # the experiment of section 4.1; those of section 4.3 have their sampling model's name
+)
+ALPHA = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class GridWorldAnalysis:
+    """Tables of the analysis. A subject is one theta with one seed.
+
+    Attributes:
+        summary: per sampling model, inference model and theta: `sets`, `true_posterior` (mean), `standard_error`,
+            `true_match` (share); `theta_id` is null in the rows over all thetas.
+        anova: `experiment` and the columns of `repeated_measures_anova`, of TruePosterior.
+        post_hoc: the columns of `tukey_hsd`, of TruePosterior, over the four cells of the factorial experiment.
+        logistic: `experiment` and the columns of `repeated_logistic`, of TrueMatch; inference_model is LESS against
+            Boltzmann.
+        hypotheses: one row per hypothesis and sampling model: `hypothesis`, `sampling_model`, `expected` and `other`
+            (the inference models), `posterior_expected`, `posterior_other`, `posterior_p_value`, `match_expected`,
+            `match_other`, `match_odds_ratio` (expected to other), `match_p_value`, `supported` (the expected model is
+            ahead in both measures, both at the 0.05 level).
+    """
+
+    summary: pl.DataFrame
+    anova: pl.DataFrame
+    post_hoc: pl.DataFrame
+    logistic: pl.DataFrame
+    hypotheses: pl.DataFrame
+
+
+def analyse(trials: pl.DataFrame) -> GridWorldAnalysis:
+    """Analyse the table of `run_trials`."""
+    # the analysis of the paper compares two models of inference; the further ones are in the summary
+    compared = trials.filter(pl.col("inference_model").is_in(SAMPLING_MODELS)).with_columns(
+        subject=pl.format("{}/{}", "theta_id", "seed")
+    )
+    factorial = compared.filter(pl.col("sampling_model").is_in(SAMPLING_MODELS))
+    design = ["sampling_model", "inference_model"]
+    anova = [_named(FACTORIAL, repeated_measures_anova(factorial, "true_posterior", design, "subject"))]
+    logistic = [_named(FACTORIAL, repeated_logistic(factorial, "true_match", design, "subject"))]
+    for model in (*SAMPLING_MODELS, *HIDDEN_MODELS):
+        sets = compared.filter(pl.col("sampling_model") == model)
+        logistic.append(_named(model, repeated_logistic(sets, "true_match", ["inference_model"], "subject")))
+        if model in HIDDEN_MODELS:
+            one_way = repeated_measures_anova(sets, "true_posterior", ["inference_model"], "subject")
+            anova.append(_named(model, one_way))
+    tables = _Tables(
+        _summary(trials),
+        pl.concat(anova),
+        tukey_hsd(factorial, "true_posterior", design, "subject"),
+        pl.concat(logistic),
+    )
+    hypotheses = [
+        _hypothesis("H3", "less", tables, expected="less"),
+        _hypothesis("H4", "boltzmann", tables, expected="boltzmann"),
+        *(_hypothesis("H5", model, tables, expected="less") for model in HIDDEN_MODELS),
+    ]
+    return GridWorldAnalysis(*tables, pl.DataFrame(hypotheses, infer_schema_length=None))
+
+
+class _Tables(NamedTuple):
+    summary: pl.DataFrame
+    anova: pl.DataFrame
+    post_hoc: pl.DataFrame
+    logistic: pl.DataFrame
+
+
+def _hypothesis(name: str, sampling_model: str, tables: _Tables, expected: str) -> dict[str, object]:
+    other = "boltzmann" if expected == "less" else "less"
+    overall = tables.summary.filter((pl.col("sampling_model") == sampling_model) & pl.col("theta_id").is_null())
+    posterior, match = (
+        dict(overall.select("inference_model", column).iter_rows()) for column in ("true_posterior", "true_match")
+    )
+    if sampling_model in HIDDEN_MODELS:
+        p_value = tables.anova.filter(pl.col("experiment") == sampling_model)["p_value"].item()
+    else:
+        both = (pl.col("sampling_model_a") == sampling_model) & (pl.col("sampling_model_b") == sampling_model)
+        p_value = tables.post_hoc.filter(both)["p_value"].item()
+    logit = tables.logistic.filter(pl.col("experiment") == sampling_model).row(0, named=True)
+    odds_ratio = logit["odds_ratio"]  # of LESS to Boltzmann
+    if odds_ratio is not None and expected == "boltzmann":
+        odds_ratio = 1.0 / odds_ratio
+    ahead = posterior[expected] > posterior[other] and match[expected] > match[other]
+    return {
+        "hypothesis": name,
+        "sampling_model": sampling_model,
+        "expected": expected,
+        "other": other,
+        "posterior_expected": posterior[expected],
+        "posterior_other": posterior[other],
+        "posterior_p_value": p_value,
+        "match_expected": match[expected],
+        "match_other": match[other],
+        "match_odds_ratio": odds_ratio,
+        "match_p_value": logit["p_value"],
+        "supported": ahead and p_value < ALPHA and logit["p_value"] is not None and logit["p_value"] < ALPHA,
+    }
+
+
+def _summary(trials: pl.DataFrame) -> pl.DataFrame:
+    measures = (
+        pl.len().cast(pl.Int64).alias("sets"),
+        pl.col("true_posterior").mean(),
+        (pl.col("true_posterior").std() / pl.len().sqrt()).alias("standard_error"),
+        pl.col("true_match").mean(),
+    )
+    models = ["sampling_model", "inference_model"]
+    per_theta = trials.group_by(*models, "theta_id", maintain_order=True).agg(measures)
+    overall = trials.group_by(*models, maintain_order=True).agg(
+        pl.lit(None, dtype=pl.Int64).alias("theta_id"), *measures
+    )
+    return pl.concat([overall, per_theta])
+
+
+def _named(experiment: str, table: pl.DataFrame) -> pl.DataFrame:
+    return table.select(pl.lit(experiment).alias("experiment"), pl.all())

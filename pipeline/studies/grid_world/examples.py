@@ -1,0 +1,126 @@
+"""A closer look (section 4.2): the demonstration sets on which each model of inference does best, and the density there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from pipeline.studies.grid_world.trials import (
+    SAMPLING_MODELS,
+    THETAS,
+    GridWorld,
+    GridWorldSettings,
+    draw_demonstrations,
+    posteriors,
+)
+
+BINS = 40
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class GridWorldExamples:
+    """Tables behind the figures of section 4.2. Features are in units of their range over all paths.
+
+    Attributes:
+        paths: one row per demonstration of the two sets: `set` (`Xi_L`, `Xi_B`), `sampling_model`, `theta_id`, `seed`,
+            `demonstration`, `path` (row of the choice set), `x`, `y` (cells, one array per path), `phi_1`, `phi_2`
+            and `log_density` (log kernel sum of LESS).
+        posteriors: `set`, `inference_model`, `theta_id`, `theta_1`, `theta_2`, `posterior`, `is_true`.
+        density_1d: per feature and bin: `feature` (1, 2), `low`, `high`, `raw` (density of all paths) and `adjusted`
+            (each path weighted by one over its kernel sum, as LESS does).
+        density_2d: per pair of bins: `phi_1_low`, `phi_1_high`, `phi_2_low`, `phi_2_high`, `raw`, `adjusted`.
+    """
+
+    paths: pl.DataFrame
+    posteriors: pl.DataFrame
+    density_1d: pl.DataFrame
+    density_2d: pl.DataFrame
+
+
+def examples(world: GridWorld, settings: GridWorldSettings, trials: pl.DataFrame) -> GridWorldExamples:
+    """The sets with the largest lead of LESS (Xi_L) and of Boltzmann (Xi_B) in TruePosterior; the first of equals."""
+    leads = (
+        trials.filter(pl.col("sampling_model").is_in(SAMPLING_MODELS))
+        .pivot("inference_model", index=["sampling_model", "theta_id", "seed"], values="true_posterior")
+        .with_columns(lead=pl.col("less") - pl.col("boltzmann"))
+    )
+    chosen = {"Xi_L": leads.row(leads["lead"].arg_max() or 0, named=True)}
+    chosen["Xi_B"] = leads.row(leads["lead"].arg_min() or 0, named=True)
+    path_tables, posterior_tables = [], []
+    for name, one in chosen.items():
+        drawn = draw_demonstrations(world.log_probabilities[one["sampling_model"]], settings)
+        rows = drawn[one["theta_id"], one["seed"]]
+        path_tables.append(_paths(world, rows).select(_set(name, one), pl.all()).unnest("of"))
+        for model in SAMPLING_MODELS:
+            posterior_tables.append(
+                pl.DataFrame(
+                    {
+                        "theta_id": np.arange(len(THETAS)),
+                        "theta_1": THETAS[:, 0],
+                        "theta_2": THETAS[:, 1],
+                        "posterior": posteriors(world.log_probabilities[model], rows),
+                        "is_true": np.arange(len(THETAS)) == one["theta_id"],
+                    }
+                ).select(pl.lit(name).alias("set"), pl.lit(model).alias("inference_model"), pl.all())
+            )
+    weights = {"raw": np.ones(len(world.paths)), "adjusted": np.exp(-world.log_density)}
+    return GridWorldExamples(
+        pl.concat(path_tables),
+        pl.concat(posterior_tables),
+        pl.concat([_density_1d(world.features[:, f], f + 1, weights) for f in range(2)]),
+        _density_2d(world.features, weights),
+    )
+
+
+def _set(name: str, one: dict[str, object]) -> pl.Expr:
+    columns = [
+        pl.lit(name).alias("set"),
+        pl.lit(one["sampling_model"]).alias("sampling_model"),
+        *(pl.lit(one[key], dtype=pl.Int64).alias(key) for key in ("theta_id", "seed")),
+    ]
+    return pl.struct(columns).alias("of")
+
+
+def _paths(world: GridWorld, rows: NDArray[np.intp]) -> pl.DataFrame:
+    steps = pl.Array(pl.Int64, world.paths.shape[1])
+    return pl.DataFrame(
+        {
+            "demonstration": np.arange(len(rows)),
+            "path": rows,
+            "x": pl.Series(world.paths[rows, :, 0], dtype=steps),
+            "y": pl.Series(world.paths[rows, :, 1], dtype=steps),
+            "phi_1": world.features[rows, 0],
+            "phi_2": world.features[rows, 1],
+            "log_density": world.log_density[rows],
+        }
+    )
+
+
+def _density_1d(values: Array, feature: int, weights: dict[str, Array]) -> pl.DataFrame:
+    edges = np.linspace(values.min(), values.max(), BINS + 1)
+    densities = {
+        name: np.histogram(values, bins=edges, weights=weight, density=True)[0] for name, weight in weights.items()
+    }
+    columns = {"feature": np.full(BINS, feature), "low": edges[:-1], "high": edges[1:]}
+    return pl.DataFrame(columns | densities)
+
+
+def _density_2d(features: Array, weights: dict[str, Array]) -> pl.DataFrame:
+    edges = [np.linspace(phi.min(), phi.max(), BINS + 1) for phi in features.T]
+    densities = {
+        name: np.histogramdd(features, bins=edges, weights=weight, density=True)[0].ravel()
+        for name, weight in weights.items()
+    }
+    first, second = (index.ravel() for index in np.indices((BINS, BINS)))
+    columns = {
+        "phi_1_low": edges[0][first],
+        "phi_1_high": edges[0][first + 1],
+        "phi_2_low": edges[1][second],
+        "phi_2_high": edges[1][second + 1],
+    }
+    return pl.DataFrame(columns | densities)

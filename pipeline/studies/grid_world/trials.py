@@ -1,0 +1,180 @@
+"""Demonstrations in a grid world by each model of people, and what each model of the robot makes of them.
+
+The choice set is complete and small enough to sum over, so nothing but the models differs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+from scipy.special import softmax
+
+from pipeline.choice import (
+    LESS,
+    AttributeRule,
+    Boltzmann,
+    Model,
+    PathSize,
+    log_density,
+    log_likelihood,
+    select_bandwidth,
+    true_match,
+    true_posterior,
+)
+from pipeline.choice.scaling import feature_scale
+from pipeline.errors import ArgumentError
+from pipeline.trajectories.grid_world import Cells, link_incidence, mean_distances, mean_positions, shortest_paths
+
+Array = NDArray[np.float64]
+
+SAMPLING_MODELS = ("boltzmann", "less")
+# people whose similarity also sees mean x and mean y, which the robot does not: their kernel has the robot's bandwidth,
+# or one selected anew for the four features. The paper does not say which, H5 depends on it, and both are reported.
+HIDDEN_MODELS = ("less-hidden", "less-hidden-own-bandwidth")
+INFERENCE_MODELS = ("boltzmann", "less", "attribute-rule", "path-size")
+THETAS: Array = np.array([theta for theta in product((-1.0, 0.0, 1.0), repeat=2) if any(theta)])
+
+_TRIALS = {
+    "sampling_model": pl.String,
+    "inference_model": pl.String,
+    "theta_id": pl.Int64,
+    "seed": pl.Int64,
+    "true_posterior": pl.Float64,
+    "true_match": pl.Boolean,
+}
+
+
+@dataclass(frozen=True)
+class GridWorldSettings:
+    """What can be set; the paper publishes none of it but the number of seeds. All was chosen before the first run.
+
+    Attributes:
+        size: cells per side. 10 gives 48,620 paths, few enough to sum over all of them.
+        objects: cells of the two objects. Mirror images in the diagonal from start to goal, so that neither is favoured,
+            each midway between the centre and its corner of the grid, so that paths can pass on both sides.
+        beta: inverse temperature of people and robot, on features scaled to a range of 1. 10, as log 48,620 = 10.8: the
+            largest difference in reward then weighs about as much as the number of paths, and neither decides alone.
+        demonstrations: paths per set. 5: the paper's examples speak of two demonstrations and several others.
+        seeds: demonstration sets per theta and sampling model; 150 in the paper.
+        bandwidth: sigma of the LESS kernel in scaled features, or None for leave-one-out.
+        random_seed: root of every random number.
+    """
+
+    size: int = 10
+    objects: tuple[tuple[int, int], tuple[int, int]] = ((2, 7), (7, 2))
+    beta: float = 10.0
+    demonstrations: int = 5
+    seeds: int = 150
+    bandwidth: float | None = None
+    random_seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, least in (("demonstrations", 1), ("seeds", 2), ("random_seed", 0)):
+            if getattr(self, name) < least:
+                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be at least {least}.")
+        if not (np.isfinite(self.beta) and self.beta > 0):
+            raise ArgumentError(f"beta is {self.beta}; it must be a positive number.")
+        if self.bandwidth is not None and not (np.isfinite(self.bandwidth) and self.bandwidth > 0):
+            raise ArgumentError(f"bandwidth is {self.bandwidth}; it must be a positive number, or none is given.")
+        corner = self.size - 1
+        if len(self.objects) != 2 or any(not 0 <= c <= corner for cell in self.objects for c in cell):
+            raise ArgumentError(f"objects is {self.objects}; give two cells with coordinates from 0 to {corner}.")
+
+
+@dataclass(frozen=True, eq=False)
+class GridWorld:
+    """The choice set and how likely each model holds each choice.
+
+    Attributes:
+        paths: (N, T, 2) cells.
+        features: (N, 2) mean distances to the objects, each divided by its range over all paths.
+        log_probabilities: (K, N) log p(path | theta, beta) for every model that samples or infers.
+        bandwidths: sigma of `less` and of each of the hidden models.
+        log_density: (N,) log kernel sum of `less` at each path.
+    """
+
+    paths: Cells
+    features: Array
+    log_probabilities: Mapping[str, Array]
+    bandwidths: Mapping[str, float]
+    log_density: Array
+
+
+def build_world(settings: GridWorldSettings) -> GridWorld:
+    """Enumerate the paths and let every model say how likely each is chosen, given each theta."""
+    paths = shortest_paths(settings.size)
+    features = _scaled(mean_distances(paths, settings.objects), ("first", "second"))
+    # mean y is size - 1 - mean x here, so the hidden direction counts twice, as two features that agree do
+    seen = np.column_stack([features, _scaled(mean_positions(paths), ("mean_x", "mean_y"))])
+    sigma = settings.bandwidth or select_bandwidth(features).value
+    own_sigma = settings.bandwidth or select_bandwidth(seen).value
+    bandwidths = dict(zip(("less", *HIDDEN_MODELS), (sigma, sigma, own_sigma), strict=True))
+    models: dict[str, tuple[Model, Any]] = {
+        "boltzmann": (Boltzmann(), None),
+        "less": (LESS(sigma), None),
+        "attribute-rule": (AttributeRule(), None),
+        "path-size": (PathSize(), link_incidence(paths)),
+    }
+    models |= {name: (LESS(bandwidths[name]), seen) for name in HIDDEN_MODELS}
+    everyone = np.arange(len(paths))
+    log_probabilities = {
+        name: log_likelihood(model, everyone, features, THETAS, [settings.beta], similarity=similarity)[:, :, 0].T
+        for name, (model, similarity) in models.items()
+    }
+    return GridWorld(paths, features, log_probabilities, bandwidths, log_density(features, sigma))
+
+
+def draw_demonstrations(log_p: Array, settings: GridWorldSettings) -> NDArray[np.intp]:
+    """(K, seeds, demonstrations) rows of the choice set, drawn independently with probabilities exp(log_p), (K, N).
+
+    A theta and a seed have the same uniform numbers under every sampling model: the sets of one subject of the
+    statistics differ by the model alone.
+    """
+    cumulative = np.cumsum(np.exp(log_p), axis=1)
+    cumulative /= cumulative[:, -1:]
+    shape = (settings.seeds, settings.demonstrations)
+    drawn = [
+        np.searchsorted(row, np.random.default_rng([settings.random_seed, k]).random(shape), side="right")
+        for k, row in enumerate(cumulative)
+    ]
+    return np.stack(drawn)
+
+
+def posteriors(log_p: Array, drawn: NDArray[np.intp]) -> Array:
+    """(..., K) probability of each theta, given sets of demonstrations (..., D) and a model's log_p (K, N).
+
+    The prior is uniform; demonstrations are independent, so their log likelihoods add.
+    """
+    result: Array = softmax(np.moveaxis(log_p[:, drawn].sum(axis=-1), 0, -1), axis=-1)
+    return result
+
+
+def run_trials(world: GridWorld, settings: GridWorldSettings) -> pl.DataFrame:
+    """Every demonstration set under every inference model.
+
+    Returns:
+        `sampling_model`, `inference_model`, `theta_id`, `seed`, `true_posterior` and `true_match`: whether the true
+        theta, and no other, has the largest posterior.
+    """
+    tables = []
+    for sampling_model in (*SAMPLING_MODELS, *HIDDEN_MODELS):
+        drawn = draw_demonstrations(world.log_probabilities[sampling_model], settings)
+        for inference_model in INFERENCE_MODELS:
+            posterior = posteriors(world.log_probabilities[inference_model], drawn)
+            rows = [
+                (sampling_model, inference_model, k, seed, true_posterior(p, k), true_match(p, k) == 1.0)
+                for k, sets in enumerate(posterior)
+                for seed, p in enumerate(sets)
+            ]
+            tables.append(pl.DataFrame(rows, schema=_TRIALS, orient="row"))
+    return pl.concat(tables)
+
+
+def _scaled(features: Array, names: tuple[str, ...]) -> Array:
+    return features / feature_scale(features, "range", names)

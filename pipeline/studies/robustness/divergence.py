@@ -1,0 +1,113 @@
+"""How much the posteriors of one demonstration differ between samplings, and how near they come to the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+from scipy.special import entr
+
+from pipeline.studies.robustness.problem import Array, Demonstrations, unit
+
+ALL = "all"  # stands for all demonstrations together, as in posteriors.parquet
+
+
+def divergences(log_posteriors: Array) -> Array:
+    """Kullback-Leibler divergences between all ordered pairs of posteriors, nats.
+
+    Args:
+        log_posteriors: (R, G, K): for each of G demonstrations, R posteriors over the same K hypotheses.
+
+    Returns:
+        (G, R, R): entry [g, p, q] is sum_k P_k (log P_k - log Q_k). Their sum is the paper's KLAggregate.
+    """
+    log_p = np.moveaxis(log_posteriors, 1, 0)
+    difference = log_p[:, :, None] - log_p[:, None]
+    return np.asarray(np.einsum("gpk,gpqk->gpq", np.exp(log_p), difference))
+
+
+def jackknife_interval(pairs: Array, level: float = 0.95) -> tuple[float, float] | None:
+    """Interval of KLAggregate over samplings, by leaving one out at a time.
+
+    KLAggregate is R (R - 1) times a U statistic of order two, for which the jackknife is made. Student's t with R - 1
+    degrees of freedom on the logarithm, so that the interval stays positive.
+
+    Args:
+        pairs: (R, R) divergences of ordered pairs.
+        level: of the interval.
+
+    Returns:
+        Its ends; None with fewer than three samplings, or where leaving one out leaves no divergence.
+    """
+    from scipy.special import stdtrit
+
+    count = len(pairs)
+    if count < 3:
+        return None
+    without = (pairs.sum() - pairs.sum(axis=0) - pairs.sum(axis=1)) * count / (count - 2)
+    if not (without > 0).all():
+        return None
+    logs = np.log(without)
+    error = np.sqrt((count - 1) / count * ((logs - logs.mean()) ** 2).sum())
+    half_width = float(stdtrit(count - 1, (1 + level) / 2)) * error
+    centre = np.log(pairs.sum())
+    return float(np.exp(centre - half_width)), float(np.exp(centre + half_width))
+
+
+def measures(marginals: Array, demonstrations: Demonstrations, angles: tuple[Array | None, ...]) -> pl.DataFrame:
+    """Robustness and accuracy of the posteriors of each demonstration and of all together.
+
+    Args:
+        marginals: (R, n + 1, K) log posteriors over theta from R samplings, all demonstrations together last.
+        demonstrations: n of them.
+        angles: `Problem.truth_angles`, n + 1 of them.
+
+    Returns:
+        n + 1 rows: `demonstration_id`, `participant`, `sets` (R), `kl_aggregate` and its interval over samplings
+        `kl_low`, `kl_high`, `kl_mean` (per ordered pair); means over the samplings: `entropy` (nats), `true_posterior`
+        (of the theta of the grid that is nearest in angle to the truth) and `map_angle_rad` (between the most
+        probable theta and the truth); `truth_to_grid_rad`. The last three are null where the truth is not known.
+    """
+    count = len(marginals)
+    pairs = divergences(marginals)
+    totals = pairs.sum(axis=(1, 2))
+    entropies = entr(np.exp(marginals)).sum(axis=2).mean(axis=0)
+    best = marginals.argmax(axis=2)
+    rows = []
+    for g, angle in enumerate(angles):
+        low, high = jackknife_interval(pairs[g]) or (None, None)
+        rows.append(
+            {
+                "demonstration_id": (*demonstrations.ids, ALL)[g],
+                "participant": (*demonstrations.participants, ALL)[g],
+                "sets": count,
+                "kl_aggregate": float(totals[g]),
+                "kl_low": low,
+                "kl_high": high,
+                "kl_mean": float(totals[g]) / (count * (count - 1)),
+                "entropy": float(entropies[g]),
+                "true_posterior": None if angle is None else float(np.exp(marginals[:, g, angle.argmin()]).mean()),
+                "map_angle_rad": None if angle is None else float(angle[best[:, g]].mean()),
+                "truth_to_grid_rad": None if angle is None else float(angle.min()),
+            }
+        )
+    floats = ("kl_low", "kl_high", "true_posterior", "map_angle_rad", "truth_to_grid_rad")
+    return pl.DataFrame(rows, schema_overrides=dict.fromkeys(floats, pl.Float64))
+
+
+def true_direction(stated: dict[str, float], names: tuple[str, ...], scales: Array) -> Array | None:
+    """What a simulated participant wanted, as a direction on the robot's scaled features.
+
+    theta_f = w_f s_f to unit length, with w_f the reward per raw unit of feature f and s_f its scale: the reward
+    w_f phi_f is theta_f (phi_f / s_f). Features and weights are matched by name. A feature without a stated weight was
+    not wanted, its theta is 0; a stated weight without a feature is beyond what the robot can say and is left out.
+
+    Args:
+        stated: reward weight per raw unit, by feature.
+        names: F features of the robot.
+        scales: (F,) what the raw features are divided by.
+
+    Returns:
+        (F,) of length one; None if nothing that was wanted is among the features.
+    """
+    theta = np.array([stated.get(name, 0.0) for name in names]) * scales
+    return unit(theta) if theta.any() else None

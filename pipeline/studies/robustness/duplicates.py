@@ -1,0 +1,140 @@
+"""Near-copies of some alternatives are slipped into the sets: how far does the posterior move?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import polars as pl
+
+from pipeline.studies.robustness.divergence import ALL
+from pipeline.studies.robustness.problem import (
+    Array,
+    Bandwidths,
+    ChoiceSets,
+    Problem,
+    Score,
+    boltzmann_score,
+    less_score,
+    log_likelihoods,
+    log_posteriors,
+    select_bandwidths,
+    theta_marginals,
+)
+from pipeline.studies.robustness.samplings import BOLTZMANN, LESS_MODEL
+
+CLEAN_BANDWIDTH = "less-clean-bandwidth"
+
+
+@dataclass(frozen=True)
+class Duplication:
+    """What is slipped in.
+
+    Attributes:
+        copied: how many alternatives of a set are copied, picked at random.
+        copies: how many near-copies of each, one number per experiment.
+        spreads: standard deviation of a copy's scaled features around the original's, one per experiment; 0 is exact.
+    """
+
+    copied: int
+    copies: Sequence[int]
+    spreads: Sequence[float]
+
+
+def inject_duplicates(
+    problem: Problem,
+    samplings: tuple[ChoiceSets, ...],
+    duplication: Duplication,
+    bandwidth: str | float,
+    stream: Callable[[str, str], np.random.Generator],
+    watched: Callable[[Sequence[tuple[int, float]]], Iterable[tuple[int, float]]] = iter,
+) -> pl.DataFrame:
+    """Divergence from the posterior of the clean set to that of the set with near-copies.
+
+    The models are Boltzmann, LESS that selects its bandwidth anew from what it is given (`less`), and LESS that keeps
+    the bandwidth of the clean set (`less-clean-bandwidth`). The same alternatives are copied and the same directions of
+    noise used throughout, and more copies contain the fewer.
+
+    Args:
+        problem: demonstrations and hypotheses.
+        samplings: the R clean samplings.
+        duplication: what is slipped in.
+        bandwidth: how LESS finds its bandwidth, or that bandwidth.
+        stream: random stream of a sampling's id and an anchor.
+        watched: what pairs of copies and spread go through on their way, as in `compare_samplings`.
+
+    Returns:
+        Per demonstration (or all), model, number of copies and spread: `sets` (R), `kl_from_clean` (nats, mean over
+        the samplings of KL(clean || with copies)), `map_changed` (share of the samplings where another theta became
+        the most probable) and `bandwidth` (median; null for Boltzmann).
+    """
+    clean_widths = select_bandwidths(samplings, bandwidth)
+    clean = {
+        BOLTZMANN: _marginals(problem, samplings, boltzmann_score(problem)),
+        LESS_MODEL: _marginals(problem, samplings, less_score(problem, clean_widths.__getitem__)),
+    }
+    clean[CLEAN_BANDWIDTH] = clean[LESS_MODEL]
+    noises = {sets: _noises(sets, duplication, stream) for sets in samplings}
+    rows = []
+    for copies, spread in watched(list(product(duplication.copies, duplication.spreads))):
+        joined = tuple(_with_copies(sets, noises[sets], copies, spread) for sets in samplings)
+        anew = select_bandwidths(joined, bandwidth)
+        kept = dict(zip(joined, clean_widths.values(), strict=True))
+        scores: dict[str, tuple[Score, Mapping[ChoiceSets, Bandwidths] | None]] = {
+            BOLTZMANN: (boltzmann_score(problem), None),
+            LESS_MODEL: (less_score(problem, anew.__getitem__), anew),
+            CLEAN_BANDWIDTH: (less_score(problem, kept.__getitem__), kept),
+        }
+        for model, (score, widths) in scores.items():
+            moved = _marginals(problem, joined, score)
+            rows.append(_rows(problem, clean[model], moved, widths, model, copies, spread))
+    return pl.concat(rows)
+
+
+Noise = Mapping[str, tuple[Array, Array]]  # per anchor: rows that are copied, standard normal (copies, copied, F)
+
+
+def _noises(sets: ChoiceSets, duplication: Duplication, stream: Callable[[str, str], np.random.Generator]) -> Noise:
+    noises = {}
+    for anchor, phi in sets.features.items():
+        rng = stream(sets.set_id, anchor)
+        picked = rng.choice(len(phi), size=duplication.copied, replace=False)
+        noises[anchor] = (phi[picked], rng.standard_normal((max(duplication.copies), *phi[picked].shape)))
+    return noises
+
+
+def _with_copies(sets: ChoiceSets, noises: Noise, copies: int, spread: float) -> ChoiceSets:
+    features = {}
+    for anchor, phi in sets.features.items():
+        originals, noise = noises[anchor]
+        added = originals + spread * noise[:copies]
+        features[anchor] = np.concatenate([phi, added.reshape(-1, phi.shape[1])])
+    return replace(sets, features=features, log_proposals={})
+
+
+def _marginals(problem: Problem, samplings: tuple[ChoiceSets, ...], score: Score) -> Array:
+    return theta_marginals(log_posteriors(log_likelihoods(problem, samplings, score)))
+
+
+def _rows(
+    problem: Problem, clean: Array, moved: Array, widths: Mapping[ChoiceSets, Bandwidths] | None,
+    model: str, copies: int, spread: float,
+) -> pl.DataFrame:  # fmt: skip
+    people = problem.demonstrations
+    divergence = (np.exp(clean) * (clean - moved)).sum(axis=2)
+    width = None if widths is None else float(np.median([w for anchors in widths.values() for w in anchors.values()]))
+    return pl.DataFrame(
+        {
+            "model": model,
+            "demonstration_id": [*people.ids, ALL],
+            "participant": [*people.participants, ALL],
+            "copies": np.int64(copies),
+            "spread": float(spread),
+            "sets": np.int64(len(clean)),
+            "kl_from_clean": divergence.mean(axis=0),
+            "map_changed": (clean.argmax(axis=2) != moved.argmax(axis=2)).mean(axis=0),
+            "bandwidth": pl.Series([width] * (len(people.ids) + 1), dtype=pl.Float64),
+        }
+    )

@@ -1,0 +1,148 @@
+"""Section 5 of the paper: do posteriors depend on the alternatives that somebody happened to sample?
+
+Two regimes, judged by the same measures. `independent` is the paper's: the samplings differ by chance alone.
+`sampler-shift` asks what the method's argument is about: each comes from another sampler. `known-density` is the part
+of it whose samplers have a known density, where Boltzmann can also be corrected by importance weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from pipeline.studies.robustness.divergence import ALL, measures
+from pipeline.studies.robustness.importance import effective_sample_size, weighted_score
+from pipeline.studies.robustness.problem import (
+    Array,
+    Bandwidths,
+    Cell,
+    ChoiceSets,
+    Problem,
+    Score,
+    boltzmann_score,
+    less_score,
+    log_likelihoods,
+    log_posteriors,
+    select_bandwidths,
+    theta_marginals,
+)
+
+INDEPENDENT, SHIFT, KNOWN_DENSITY = "independent", "sampler-shift", "known-density"
+BOLTZMANN, LESS_MODEL, WEIGHTED = "boltzmann", "less", "boltzmann-weighted"
+APART, WEIGHTED_APART = "boltzmann-apart", "boltzmann-weighted-apart"
+COMPARED = (BOLTZMANN, LESS_MODEL, WEIGHTED)  # models of one and the same choice set: joined by the demonstration
+
+
+@dataclass(frozen=True, eq=False)
+class RobustnessResult:
+    """Tables of the study.
+
+    Attributes:
+        robustness: per regime, model, demonstration (or all) and set size: the columns of `measures`.
+        posteriors: per regime, model, demonstration (or all) and sampling: the posterior over theta, beta summed out.
+        sets: per regime, sampling and anchor: `bandwidth` and, where the density is known, the
+            `effective_sample_size` of the importance weights.
+        likelihoods: per regime, set size and model: (R, n, K, B) log likelihoods.
+        bandwidths: per sampling, identified by regime, size and id: those of its anchors.
+    """
+
+    robustness: pl.DataFrame
+    posteriors: pl.DataFrame
+    sets: pl.DataFrame
+    likelihoods: Mapping[tuple[str, int, str], Array]
+    bandwidths: Mapping[ChoiceSets, Bandwidths]
+
+
+def compare_samplings(
+    problem: Problem, bandwidth: str | float, watched: Callable[[Sequence[Cell]], Iterable[Cell]] = iter
+) -> RobustnessResult:
+    """Posteriors under every sampling and model, and how much they differ.
+
+    Args:
+        problem: with the regimes INDEPENDENT and SHIFT, either or both.
+        bandwidth: how LESS finds the bandwidth of each set, or that bandwidth.
+        watched: what the cells of the design go through on their way, such as a progress bar; it changes nothing.
+
+    Raises:
+        StageError: a demonstration has no alternatives.
+        BandwidthError: a set has fewer than two distinct rows.
+    """
+    selected = select_bandwidths([sets for samplings in problem.regimes.values() for sets in samplings], bandwidth)
+    boltzmann, less = boltzmann_score(problem), less_score(problem, selected.__getitem__)
+    likelihoods: dict[tuple[str, int, str], Array] = {}
+    rows: list[pl.DataFrame] = []
+    posteriors: list[pl.DataFrame] = []
+    for regime, size, samplings in watched(problem.cells):
+        scores: dict[str, Score] = {BOLTZMANN: boltzmann, LESS_MODEL: less}
+        for model, score in scores.items():
+            values = log_likelihoods(problem, samplings, score)
+            likelihoods[regime, size, model] = values
+            marginals = theta_marginals(log_posteriors(values))
+            rows.append(_measured(problem, marginals, regime, size, model))
+            posteriors.append(_posterior_rows(problem, marginals, samplings, regime, size, model))
+        known = [r for r, sets in enumerate(samplings) if sets.log_proposals]
+        if regime == SHIFT and len(known) > 1:
+            subset = tuple(samplings[r] for r in known)
+            for model in scores:
+                part = theta_marginals(log_posteriors(likelihoods[regime, size, model][known]))
+                rows.append(_measured(problem, part, KNOWN_DENSITY, size, model))
+            corrections = {
+                WEIGHTED: weighted_score(problem, weighted=True, joined=True),
+                WEIGHTED_APART: weighted_score(problem, weighted=True, joined=False),
+                APART: weighted_score(problem, weighted=False, joined=False),
+            }
+            for model, score in corrections.items():
+                marginals = theta_marginals(log_posteriors(log_likelihoods(problem, subset, score)))
+                rows.append(_measured(problem, marginals, KNOWN_DENSITY, size, model))
+                posteriors.append(_posterior_rows(problem, marginals, subset, KNOWN_DENSITY, size, model))
+    return RobustnessResult(pl.concat(rows), pl.concat(posteriors), _set_rows(problem, selected), likelihoods, selected)
+
+
+def _measured(problem: Problem, marginals: Array, regime: str, size: int, model: str) -> pl.DataFrame:
+    table = measures(marginals, problem.demonstrations, problem.truth_angles)
+    return table.select(
+        pl.lit(regime).alias("regime"), pl.lit(model).alias("model"), pl.lit(size, pl.Int64).alias("set_size"), pl.all()
+    )
+
+
+def _posterior_rows(
+    problem: Problem, marginals: Array, samplings: tuple[ChoiceSets, ...], regime: str, size: int, model: str
+) -> pl.DataFrame:
+    people = problem.demonstrations
+    r, g, k = marginals.shape
+    return pl.DataFrame(
+        {
+            "regime": regime,
+            "model": model,
+            "set_size": np.int64(size),
+            "set_id": np.repeat([sets.set_id for sets in samplings], g * k),
+            "demonstration_id": np.tile(np.repeat([*people.ids, ALL], k), r),
+            "participant": np.tile(np.repeat([*people.participants, ALL], k), r),
+            "theta_id": np.tile(np.arange(k), r * g),
+            "theta": np.tile(problem.thetas, (r * g, 1)),
+            "log_posterior": marginals.ravel(),
+            "posterior": np.exp(marginals).ravel(),
+        }
+    )
+
+
+def _set_rows(problem: Problem, selected: Mapping[ChoiceSets, Bandwidths]) -> pl.DataFrame:
+    rows = [
+        {
+            "regime": regime,
+            "anchor": anchor,
+            "set_size": sets.set_size,
+            "set_id": sets.set_id,
+            "bandwidth": bandwidth,
+            "effective_sample_size": effective_sample_size(-sets.log_proposals[anchor])
+            if anchor in sets.log_proposals
+            else None,
+        }
+        for regime, samplings in problem.regimes.items()
+        for sets in samplings
+        for anchor, bandwidth in selected[sets].items()
+    ]
+    return pl.DataFrame(rows, schema_overrides={"effective_sample_size": pl.Float64})

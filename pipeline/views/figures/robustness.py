@@ -1,0 +1,335 @@
+"""The figures of the robustness study: how much posteriors depend on the alternatives that were sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
+
+from pipeline.views import palette
+from pipeline.views.figures.style import (
+    TEXT_IN,
+    TITLE_POINTS,
+    color,
+    in_style,
+    model_color,
+    new_figure,
+    probability_axis,
+)
+from pipeline.views.palette import REGIMES, model_name
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INDEPENDENT, SHIFT, KNOWN_DENSITY = "independent", "sampler-shift", "known-density"
+KINDS = {"single": "single demonstrations", "batch": "all together"}
+PATTERNS = {"boltzmann-weighted": (0, (2, 1.2)), "less-clean-bandwidth": (0, (2, 1.2))}
+NAMES = {
+    "boltzmann-weighted": "Boltzmann, importance weights",
+    "less-clean-bandwidth": "LESS, clean set's bandwidth",
+}
+BASE = {"boltzmann-weighted": "boltzmann", "less-clean-bandwidth": "less"}
+CHOICES = {"bandwidth": "bandwidth × {}", "selector": "selector {}", "scale": "scale {}", "beta": "beta {}"}
+_KL, _SIZE, _ANGLE = "KLAggregate (nat)", "alternatives per set", "angle to the truth (deg)"
+_FAR = 1e6  # times a value, where its interval is cut
+_DECADES = 5  # of KLAggregate that a panel shows below its largest value
+
+
+@in_style
+def kl_figure(summary: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SHIFT)) -> Figure:
+    """KLAggregate against set size with 95 % intervals, a column per regime, single demonstrations above all together.
+
+    Args:
+        summary: the table `robustness_summary` of one task.
+        regimes: which to show.
+    """
+    figure = new_figure(TEXT_IN, 3.8)
+    axes = figure.subplots(len(KINDS), len(regimes), squeeze=False, sharex=True, sharey="row")
+    for row, kind in zip(axes, KINDS, strict=True):
+        for ax, regime in zip(row, regimes, strict=True):
+            _curves(ax, summary.filter(demonstrations=kind, regime=regime), "set_size")
+            ax.set_title(f"{KINDS[kind]}, {REGIMES[regime]}")
+        _log_limits(row[0], summary.filter(pl.col("regime").is_in(list(regimes)), demonstrations=kind))
+        row[0].set_ylabel(_KL)
+    for ax in axes[-1]:
+        ax.set_xlabel(_SIZE)
+    _ticks(axes[0, 0], summary["set_size"])
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+@in_style
+def importance_figure(summary: pl.DataFrame, accuracy: pl.DataFrame, sets: pl.DataFrame) -> Figure:
+    """What importance weights do where the samplers' densities are known, and how few alternatives carry them.
+
+    Args:
+        summary: the table `robustness_summary` of one task.
+        accuracy: of the function of that name; without rows there is no panel of angles.
+        sets: the table `robustness_sets`.
+    """
+    figure = new_figure(TEXT_IN, 2.3)
+    axes = figure.subplots(1, 4 if accuracy.height else 3, sharex=True)
+    known = summary.filter(regime=KNOWN_DENSITY)
+    for ax, kind in zip(axes, KINDS, strict=False):
+        rows = known.filter(demonstrations=kind)
+        _curves(ax, rows, "set_size")
+        _log_limits(ax, rows)
+        ax.set_title(KINDS[kind])
+        ax.set_ylabel(_KL)
+    if accuracy.height:
+        _angles(axes[2], accuracy.filter(regime=KNOWN_DENSITY, demonstrations="single"))
+        axes[2].set_title("single demonstrations")
+        axes[2].set_ylim(0.0, None)
+        axes[2].set_ylabel(_ANGLE)
+    _effective_sizes(axes[-1], sets.filter(pl.col("effective_sample_size").is_not_null()))
+    for ax in axes:
+        ax.set_xlabel(_SIZE)
+        ax.tick_params(axis="x", rotation=90)
+    _ticks(axes[0], known["set_size"])
+    _legend(figure, *axes[[0, *range(2, len(axes))]])
+    return figure
+
+
+@in_style
+def accuracy_figure(accuracy: pl.DataFrame, hypotheses: int) -> Figure:
+    """Angle between the most probable theta and the truth, and TruePosterior, against set size.
+
+    Args:
+        accuracy: of the function of that name, of one task.
+        hypotheses: how many thetas there are; of which one is right by chance.
+    """
+    panels = [(kind, regime) for kind in KINDS for regime in (INDEPENDENT, SHIFT)]
+    figure = new_figure(TEXT_IN, 3.6)
+    axes = figure.subplots(2, len(panels), sharex=True)
+    for column, (kind, regime) in enumerate(panels):
+        rows = accuracy.filter(demonstrations=kind, regime=regime)
+        above, below = axes[:, column]
+        if regime != panels[0][1]:
+            for ax, left in zip((above, below), axes[:, column - 1], strict=True):
+                ax.sharey(left)
+                ax.tick_params(labelleft=False)
+        _angles(above, rows)
+        _curves(below, rows.filter(measure="true_posterior"), "set_size", log=False)
+        below.axhline(1 / hypotheses, color=color(palette.GREY), linewidth=0.8, linestyle=":", label="chance", zorder=1)
+        below.set_xlabel(_SIZE)
+        below.tick_params(axis="x", rotation=90)
+        above.set_title(f"{KINDS[kind]},\n{REGIMES[regime]}")
+    for ax in axes.flat:
+        ax.set_ylim(0.0, None)
+    axes[0, 0].set_ylabel(_ANGLE)
+    axes[1, 0].set_ylabel("TruePosterior")
+    _ticks(axes[0, 0], accuracy["set_size"])
+    _legend(figure, *axes[:, 0])
+    return figure
+
+
+@in_style
+def two_posteriors_figure(
+    posteriors: pl.DataFrame, set_ids: dict[str, tuple[str, str]], labels: Sequence[str], meaning: str
+) -> Figure:
+    """The posterior over theta of one demonstration from two sets, a row per model, a column per regime.
+
+    Args:
+        posteriors: rows of one demonstration and set size of the table `robustness_posteriors`.
+        set_ids: per regime, which two sets.
+        labels: K names of the thetas.
+        meaning: what the numbers in the labels are.
+    """
+    models = posteriors.filter(regime=next(iter(set_ids)))["model"].unique(maintain_order=True).to_list()
+    figure = new_figure(TEXT_IN, 2.0 + 1.1 * len(models))
+    axes = figure.subplots(len(models), len(set_ids), squeeze=False, sharex=True, sharey=True)
+    for column, (regime, pair) in enumerate(set_ids.items()):
+        for ax, model in zip(axes[:, column], models, strict=True):
+            rows = posteriors.filter(regime=regime, model=model)
+            for place, set_id in enumerate(pair):
+                values = rows.filter(set_id=set_id).sort("theta_id")["posterior"].to_numpy()
+                x = np.arange(len(values)) + 0.4 * place - 0.2
+                ax.bar(x, values, 0.4, color=model_color(model, models), alpha=(1.0, 0.4)[place], linewidth=0)
+        axes[0, column].set_title(f"{REGIMES[regime]}\ndark: set {pair[0]}, pale: set {pair[1]}")
+        axes[-1, column].set_xticks(range(len(labels)), list(labels), rotation=90)
+        axes[-1, column].tick_params(axis="x", length=0)
+        axes[-1, column].set_xlabel(meaning)
+    for row, model in zip(axes, models, strict=True):
+        for ax in row:
+            probability_axis(ax, f"{model_name(model)}\nposterior" if ax is row[0] else "", None)
+    demonstration, size = posteriors.select("demonstration_id", "set_size").row(0)
+    about = f"demonstration {demonstration}, sets of {size:,} alternatives"
+    figure.suptitle(about, x=0.01, ha="left", fontsize=TITLE_POINTS)
+    return figure
+
+
+@in_style
+def duplicates_figure(summary: pl.DataFrame) -> Figure:
+    """The shift of the posterior against the number of near-copies, a column per spread.
+
+    Args:
+        summary: the table `duplicates_summary` of one task.
+    """
+    spreads = sorted(summary["spread"].unique())
+    figure = new_figure(TEXT_IN, 3.6)
+    axes = figure.subplots(len(KINDS), len(spreads), squeeze=False, sharex=True, sharey="row")
+    for row, kind in zip(axes, KINDS, strict=True):
+        rows = summary.filter(demonstrations=kind)
+        for ax, spread in zip(row, spreads, strict=True):
+            _curves(ax, rows.filter(pl.col("spread") == spread), "copies")
+        _log_limits(row[0], rows)
+        row[0].set_ylabel(f"KL from clean (nat)\n{KINDS[kind]}")
+    for ax, spread in zip(axes[0], spreads, strict=True):
+        ax.set_title(f"spread {spread:g}" if spread else "exact copies")
+    for ax in axes[-1]:
+        ax.set_xlabel("copies of each")
+    _ticks(axes[0, 0], summary["copies"])
+    _legend(figure, axes[0, 0])
+    return figure
+
+
+@in_style
+def sensitivity_figure(
+    summary: pl.DataFrame, entropies: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SHIFT)
+) -> Figure:
+    """KLAggregate and entropy of single demonstrations under every setting, the study's own with a filled mark.
+
+    A KLAggregate that is five decades smaller than the largest is an arrow at the edge.
+
+    Args:
+        summary: rows of one set size of the table `sensitivity_summary` of one task.
+        entropies: the same of the posteriors' entropy; settings that are missing there have no mark.
+        regimes: which to show.
+    """
+    settings = summary.select("choice", "setting").unique(maintain_order=True).rows()
+    models = summary["model"].unique(maintain_order=True).to_list()
+    figure = new_figure(TEXT_IN, 1.0 + 0.16 * len(settings))
+    axes = figure.subplots(1, 2 * len(regimes), sharey=True)
+    for place, regime in enumerate(regimes):
+        for ax, table in ((axes[place], summary), (axes[place + len(regimes)], entropies)):
+            rows = table.filter(demonstrations="single", regime=regime)
+            if table is summary:
+                ax.set_xscale("log")
+                largest = rows.select(pl.max_horizontal(pl.col("value", "high").max())).item()
+                ax.set_xlim(2 * largest / 10**_DECADES, 2 * largest)
+            _settings(ax, rows, settings, models)
+            ax.set_xlabel(_KL if table is summary else "entropy (nat)")
+            ax.set_title(REGIMES[regime])
+    axes[0].set_yticks(range(len(settings)), [CHOICES.get(c, c + " {}").format(s) for c, s in settings])
+    axes[0].set_ylim(len(settings) - 0.5, -0.5)
+    for ax in axes:
+        ax.tick_params(axis="y", length=0)
+        ax.grid(axis="x")
+        for line in range(1, len(settings)):
+            if settings[line][0] != settings[line - 1][0]:
+                ax.axhline(line - 0.5, color=color(palette.GREY), linewidth=0.5)
+    marks = [(model_name(model), model_color(model, models), model_color(model, models)) for model in models]
+    marks += [
+        ("as in the study", color(palette.GREY), color(palette.GREY)),
+        ("otherwise", color(palette.GREY), color(palette.WHITE)),
+    ]
+    handles = [
+        Line2D([], [], marker="o", linestyle="none", markersize=3.2, color=edge, markerfacecolor=face, label=label)
+        for label, edge, face in marks
+    ]
+    about = f"single demonstrations, sets of {summary['set_size'][0]:,} alternatives"
+    figure.legend(
+        handles=handles, loc="outside upper left", ncols=len(handles), title=about, alignment="left",
+        title_fontsize=TITLE_POINTS,
+    )  # fmt: skip
+    return figure
+
+
+def _settings(ax: Axes, rows: pl.DataFrame, settings: Sequence[tuple[str, str]], models: Sequence[str]) -> None:
+    """A mark with its interval per setting and model."""
+    for offset, model in enumerate(models):
+        shade = model_color(model, models)
+        for line, (choice, setting) in enumerate(settings):
+            found = rows.filter(model=model, choice=choice, setting=setting)
+            for point in found.iter_rows(named=True):
+                y = line + 0.3 * (offset - (len(models) - 1) / 2)
+                if point["low"] is not None:
+                    ax.plot([point["low"], point["high"]], [y, y], color=shade, linewidth=0.8)
+                face = shade if point["is_default"] else "white"
+                low = ax.get_xlim()[0] if ax.get_xscale() == "log" else point["value"]
+                beyond = point["value"] < low
+                ax.plot(
+                    max(point["value"], low), y, "<" if beyond else "o", color=shade, markerfacecolor=face, markersize=3.2,
+                    markeredgewidth=0.8, clip_on=not beyond,
+                )  # fmt: skip
+
+
+def _curves(ax: Axes, points: pl.DataFrame, x: str, *, log: bool = True) -> None:
+    """A line per model through its values, with their intervals where they are known; on log axes positive ones."""
+    models = points["model"].unique(maintain_order=True).to_list()
+    for place, model in enumerate(models):
+        rows = points.filter(pl.col("model") == model).sort(x)
+        if log:
+            rows = rows.filter(pl.col("value") > 0)
+        # side by side, so that intervals do not hide each other
+        at = rows[x].to_numpy() * 1.06 ** (place - (len(models) - 1) / 2)
+        shade = model_color(BASE.get(model, model), ("boltzmann", "less"))
+        ax.plot(
+            at, rows["value"], "o", markersize=3, color=shade, linestyle=PATTERNS.get(model, "-"), label=_name(model)
+        )
+        known = rows["low"].is_not_null().to_numpy()
+        value, low, high = (rows[name].to_numpy()[known] for name in ("value", "low", "high"))
+        if log:  # beyond every panel, but not beyond what axes can compute with
+            low, high = np.maximum(low, value / _FAR), np.minimum(high, value * _FAR)
+        ax.vlines(at[known], low, high, color=shade, linewidth=0.8)
+    ax.set_xscale("log")
+    if log:
+        ax.set_yscale("log")
+    ax.grid(axis="y")
+
+
+def _angles(ax: Axes, accuracy: pl.DataFrame) -> None:
+    degrees = accuracy.with_columns(pl.col("value", "low", "high").degrees())
+    _curves(ax, degrees.filter(measure="map_angle_rad"), "set_size", log=False)
+    nearest = degrees.filter(measure="truth_to_grid_rad")["value"]
+    ax.axhline(nearest[0], color=color(palette.GREY), linewidth=0.8, linestyle="--", label="nearest theta", zorder=1)
+
+
+def _effective_sizes(ax: Axes, sets: pl.DataFrame) -> None:
+    middle = sets.group_by("set_size").agg(pl.col("effective_sample_size").median()).sort("set_size")
+    grey = color(palette.GREY)
+    ax.plot(
+        sets["set_size"], sets["effective_sample_size"], "o", color=grey, markersize=2.4, markeredgewidth=0,
+        label="one sampler's set",
+    )  # fmt: skip
+    shade = model_color("boltzmann", ("boltzmann",))
+    ax.plot(middle["set_size"], middle["effective_sample_size"], color=shade, linestyle=PATTERNS["boltzmann-weighted"])
+    ax.plot(middle["set_size"], middle["set_size"], color=grey, linewidth=0.8, linestyle=":", label="all count")
+    ax.set_yscale("log")
+    ax.set_ylim(0.8, None)
+    ax.set_ylabel("effective sample size")
+    ax.set_title("the weights")
+    ax.grid(axis="y")
+
+
+def _log_limits(ax: Axes, points: pl.DataFrame) -> None:
+    """As far as the values and a decade beyond: intervals from few sets can reach much farther, and are cut."""
+    values = points.filter(pl.col("value") > 0)
+    if values.is_empty():
+        return
+    low, high = (pl.col(name).fill_null(pl.col("value")) for name in ("low", "high"))
+    bottom, top = values.select(low.min(), high.max()).row(0)
+    least, largest = values.select(pl.col("value").min(), pl.col("value").max().alias("largest")).row(0)
+    ax.set_ylim(max(bottom / 1.3, least / 10), min(top * 1.3, largest * 10))
+
+
+def _ticks(ax: Axes, values: pl.Series) -> None:
+    """One for each value that there is."""
+    shown: list[Any] = sorted(values.unique())
+    ax.set_xticks(shown, [f"{value:,}" for value in shown])
+    ax.xaxis.set_minor_locator(NullLocator())
+
+
+def _legend(figure: Figure, *axes: Axes) -> None:
+    """What is shown in any of some axes, each once."""
+    shown = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(shown.values()), list(shown), loc="outside upper left", ncols=len(shown))
+
+
+def _name(model: str) -> str:
+    return NAMES[model] if model in NAMES else model_name(model)

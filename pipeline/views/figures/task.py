@@ -1,0 +1,122 @@
+"""The figures of one task: what its recording shows, as it stands after all demonstrations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import PowerNorm
+
+from pipeline.views import palette
+from pipeline.views.figures.style import (
+    COLUMN_IN,
+    INK,
+    TEXT_IN,
+    color,
+    in_style,
+    model_color,
+    new_figure,
+    sequential_map,
+    with_unit,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from pipeline.views.task_summary import DensityCurve, DensityMap
+
+    Floats = NDArray[np.float64]
+
+_MOST_ROWS = 10
+
+
+@in_style
+def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
+    """The density of the alternatives along each feature, as they are and as LESS weighs them, with the demonstrations."""
+    across = min(3, len(curves))
+    down = -(-len(curves) // across)
+    figure = new_figure(TEXT_IN if across > 1 else COLUMN_IN, 0.35 + 1.7 * down)
+    axes = figure.subplots(down, across, squeeze=False).ravel()
+    for ax, curve in zip(axes, curves, strict=False):
+        top = float(max(curve.raw.max(), curve.adjusted.max()))
+        grey, orange = color(palette.RAW_DENSITY), color(palette.MODELS["less"])
+        ax.fill_between(curve.grid, curve.raw, color=grey, alpha=0.55, linewidth=0, label="every alternative alike")
+        ax.plot(curve.grid, curve.adjusted, color=orange, linewidth=1.4, label="weighted by LESS")
+        marks = np.full(curve.demonstrations.size, -0.06 * top)
+        ax.plot(
+            curve.demonstrations, marks, "|", color=color(palette.DEMONSTRATION), markersize=6, markeredgewidth=1.0,
+            label="demonstrations",
+        )  # fmt: skip
+        ax.axhline(0, color=INK, linewidth=0.6)
+        ax.set_ylim(-0.12 * top, 1.05 * top)
+        ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= 1.05 * top])
+        ax.set_xlabel(with_unit(curve.feature, curve.unit))
+    for ax in axes[len(curves) :]:
+        ax.set_axis_off()
+    for ax in axes[::across]:
+        ax.set_ylabel("density")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
+    return figure
+
+
+@in_style
+def map_figure(density: DensityMap) -> Figure:
+    """The density of the alternatives over two features, with the demonstrations."""
+    figure = new_figure(COLUMN_IN, 2.4)
+    ax = figure.subplots()
+    half_x, half_y = (density.x[1] - density.x[0]) / 2, (density.y[1] - density.y[0]) / 2
+    extent = (density.x[0] - half_x, density.x[-1] + half_x, density.y[0] - half_y, density.y[-1] + half_y)
+    image = ax.imshow(
+        density.density, origin="lower", extent=extent, aspect="auto", interpolation="nearest", cmap=sequential_map(),
+        norm=PowerNorm(0.5, 0.0, float(density.density.max())),
+    )  # fmt: skip
+    points = density.demonstrations
+    ax.plot(
+        points[:, 0], points[:, 1], "o", color=color(palette.DEMONSTRATION), markersize=4.5, markeredgecolor="white",
+        markeredgewidth=0.6, label="demonstrations",
+    )  # fmt: skip
+    ax.set_xlabel(with_unit(density.features[0], density.units[0]))
+    ax.set_ylabel(with_unit(density.features[1], density.units[1]))
+    bar = figure.colorbar(image, ax=ax, label="density of alternatives", pad=0.02, aspect=25)
+    bar.outline.set_visible(False)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper left")
+    return figure
+
+
+@in_style
+def posterior_figure(posteriors: Mapping[str, Floats], labels: Sequence[str], meaning: str) -> Figure:
+    """What each model infers from all demonstrations together.
+
+    Args:
+        posteriors: by model, (K,) probabilities.
+        labels: (K,) the hypotheses in words.
+        meaning: what the numbers in the labels are.
+    """
+    models = tuple(posteriors)
+    order = np.argsort(-np.max(list(posteriors.values()), axis=0), kind="stable")[:_MOST_ROWS]
+    names = [labels[k] for k in order]
+    others = len(labels) - len(order)
+    figure = new_figure(COLUMN_IN, 0.9 + 0.19 * (len(names) + (others > 0)))
+    ax = figure.subplots()
+    height = 0.8 / len(models)
+    for offset, (model, posterior) in enumerate(posteriors.items()):
+        values = posterior[order]
+        if others:
+            values = np.append(values, max(0.0, 1.0 - values.sum()))
+        y = np.arange(values.size) + (offset - (len(models) - 1) / 2) * height
+        ax.barh(y, values, height, color=model_color(model, models), label=palette.model_name(model))
+    if others:
+        names.append(f"the other {others} together")
+    ax.set_yticks(np.arange(len(names)), names)
+    ax.tick_params(axis="y", length=0)
+    ax.set_ylim(len(names) - 0.5, -0.5)
+    ax.set_xlim(0, None)
+    ax.grid(axis="x")
+    ax.set_xlabel("posterior, all demonstrations", loc="right")
+    ax.set_ylabel(meaning)
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper right", ncols=len(models))
+    return figure

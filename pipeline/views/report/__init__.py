@@ -1,0 +1,1 @@
+"""The report: its contents, and one HTML file that holds them."""

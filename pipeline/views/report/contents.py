@@ -1,0 +1,260 @@
+"""What the report says: what was run, what came out and what to be careful about."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import polars as pl
+
+from pipeline import params
+from pipeline.formats.duckdb.catalog import CONTENTS, ask
+from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
+from pipeline.views.findings import findings
+from pipeline.views.palette import model_name
+from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
+from pipeline.views.task_summary import theta_labels, theta_meaning
+from pipeline.workspace.project import STUDIES, WORKING, Project
+
+LIBRARIES = ("mujoco", "numpy", "scipy", "finufft", "polars", "duckdb", "matplotlib")
+_HASH_DIGITS = 16
+BEST = f"""select task, demonstration_id, participant, model, arg_max(theta_id, posterior) as theta_id
+    from theta_marginals where set_id = '{WORKING}' group by all order by all"""
+HYPOTHESES = "select distinct task, theta_id, theta from posteriors order by task, theta_id"
+FEATURES = "select task, list(feature order by rowid) as features from scales group by task"
+HASHES = "select distinct task, recorded_as as demonstration_id, recording_sha256 from lineage"
+SIZES = (
+    "select task, min(set_size) as least, max(set_size) as largest, count(distinct (anchor, set_size, set_id)) as sets \
+from sampling group by task"
+)
+SPLIT = """select task, model, set_size, sets, answers from disagreement_between_sets
+    where participant = 'all' and answers > 1 and set_size = (select max(set_size) from disagreement_between_sets)
+    order by all"""
+APART = f"""select task, model, other_model from disagreement_between_models
+    where participant = 'all' and set_id = '{WORKING}' and theta_id <> other_theta_id order by all"""
+
+
+def report(project: Project) -> Report:
+    """The report of a project, from its catalog, figures and headline numbers."""
+    answers = _Answers(project)
+    tasks = [name for name in project.params.tasks if name in answers.words]
+    headline = {name: _metrics(project, name) for name in (*tasks, STUDIES)}
+    sections = [
+        Section("In short", [*_headline(tasks, headline), *_hypotheses(answers)]),
+        Section("What to be careful about", [Points(_warnings(project, answers, tasks))]),
+        *(Section(f"Task: {name}", _task(project, answers, name), opens=True) for name in tasks),
+    ]
+    if pictures := _pictures(project, STUDIES, STUDY_FIGURES):
+        sections.append(Section("Studies", pictures, opens=True))
+    sections += [
+        Section("Made with", _versions(project, answers, tasks), opens=True),
+        Section("Parameters", _parameters(project)),
+    ]
+    made_by = f"lessbench {version('lessbench')}, MuJoCo {version('mujoco')}, seed {project.params.seed}"
+    return Report(f"LESS Workbench: {', '.join(tasks) or 'nothing yet'}", made_by, sections)
+
+
+class _Answers:
+    """What the catalog says, asked once.
+
+    Attributes:
+        words: per task with posteriors, its hypotheses in words by theta_id.
+        meaning: per such task, what the numbers in these words are.
+        best: the most probable theta of each demonstration and of all together, per model, on the working set.
+    """
+
+    def __init__(self, project: Project) -> None:
+        self._catalog = project.catalog
+        self._names = set(ask(self._catalog, CONTENTS)["name"])
+        self.words: dict[str, tuple[str, ...]] = {}
+        self.meaning: dict[str, str] = {}
+        self.best = self("theta_marginals", BEST)
+        features = dict(self("scales", FEATURES).iter_rows())
+        for (task,), rows in self("posteriors", HYPOTHESES).group_by("task", maintain_order=True):
+            thetas = pl.Series(rows["theta"].to_list()).list.to_array(len(features[task])).to_numpy()
+            self.words[str(task)] = theta_labels(thetas, features[task])
+            self.meaning[str(task)] = theta_meaning(thetas)
+
+    def __call__(self, table: str, question: str) -> pl.DataFrame:
+        """The answer, or nothing if the catalog has no such table or view."""
+        return ask(self._catalog, question) if table in self._names else pl.DataFrame()
+
+
+def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -> list[Part]:
+    header = (
+        "task", "model", "what they want", "probability", "beta", "entropy (nat)", "held-out (nat)",
+        "KLAggregate, one sampler", "KLAggregate, different samplers",
+    )  # fmt: skip
+    rows = []
+    for task in tasks:
+        for model, of_model in headline[task].items():
+            if model == "recordings":
+                continue
+            divergence = of_model.get("kl_aggregate", {})
+            numbers = [of_model[name] for name in ("best", "posterior", "beta", "entropy")]
+            spread = [divergence.get(regime) for regime in ("independent", "sampler-shift")]
+            rows.append([task, model_name(model), *numbers, of_model.get("held_out"), *spread])
+    caption = (
+        "What all demonstrations of a task together say: the most probable weights with their probability, the most "
+        "probable beta with them, the entropy of the posterior over weights, the mean log predictive probability of a "
+        "demonstration given the others, and the median KLAggregate of single demonstrations with the largest sets "
+        "(nats; lower is more robust)."
+    )
+    return [Table(caption, header, rows)] if rows else [Text("No task has a posterior yet.")]
+
+
+def _hypotheses(answers: _Answers) -> list[Part]:
+    tests = answers("human_choice_tests", "from human_choice_tests")
+    worlds = answers("grid_world_hypotheses", "from grid_world_hypotheses")
+    if tests.is_empty() or worlds.is_empty():
+        return []
+    rows = findings(tests, worlds).rows()
+    return [Table("The paper's hypotheses, put to the studies.", ("hypothesis", "claim", "outcome", "numbers"), rows)]
+
+
+def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list[str]:
+    said = [f"Task {task}: no posterior yet; run `dvc repro`." for task in project.params.tasks if task not in tasks]
+    counts = "select task, count(*) filter (not used) as n, count(*) as of from recordings group by task order by task"
+    for task, n, total in _rows(answers("recordings", counts), "task", "n", "of"):
+        if n:
+            said.append(f"Task {task}: {n} of {total} recordings were rejected; they are listed there.")
+    salvaged = answers("demonstrations", "from demonstrations where salvaged order by task, source")
+    for task, source, lost in _rows(salvaged, "task", "source", "lost"):
+        said.append(f"Task {task}: the recording {source} is cut off, and what stands before the cut was used. {lost}")
+    simulated = answers(
+        "demonstrations",
+        "select task, count(*) filter (simulated) as n from demonstrations group by task order by task",
+    )
+    said += [
+        f"Task {task}: {n} demonstrations are simulated; nobody moved an arm."
+        for task, n in _rows(simulated, "task", "n")
+        if n
+    ]
+    for task, model, other in _rows(answers("posteriors", APART), "task", "model", "other_model"):
+        said.append(f"Task {task}: {model_name(model)} and {model_name(other)} disagree on what all together want.")
+    for task, model, size, sets, found in _rows(
+        answers("posteriors", SPLIT), "task", "model", "set_size", "sets", "answers"
+    ):
+        said.append(
+            f"Task {task}: under {model_name(model)} the answer hangs on the sample: {sets} sets of {size:,} alternatives "
+            f"give {found} different answers."
+        )
+    outdated = _rows(answers("outdated", "from outdated"), "file", "input")
+    if outdated:
+        file, made_from = outdated[0]
+        said.append(
+            f"{len({file for file, _ in outdated})} tables are out of date, {file} among them, which was made from another "
+            f"version of {made_from} than is there now; run `dvc repro`."
+        )
+    return said or ["Nothing: every recording was used, and models and sets agree."]
+
+
+def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
+    task, settings = project.params.task(name), project.params
+    people = answers("demonstrations", "from demonstrations order by source").filter(task=name)
+    sizes = answers("sampling", SIZES).filter(task=name).to_dicts()
+    drawn = "".join(
+        f" {row['sets']:,} sets of {row['least']:,} to {row['largest']:,} alternatives by the sampler {settings.sample.sampler}."
+        for row in sizes
+    )
+    about = (
+        f"{people.height} demonstrations by {people['participant'].n_unique()} people in {task.scene}.{drawn} Features: "
+        f"{', '.join(task.features)}, divided by their {settings.features.scale} (none: as they are). Bandwidth: "
+        f"{settings.density.bandwidth}. Weights in words are {answers.meaning[name]}."
+    )
+    rejected = (
+        answers("rejected", "from rejected order by source").filter(task=name).select("source", "reason", "detail")
+    )
+    parts: list[Part] = [Text(about), _people(answers, name, people)]
+    if rejected.height:
+        parts.append(
+            Table("Recordings that were not used, and why.", ("recording", "reason", "detail"), rejected.rows())
+        )
+    return parts + _pictures(project, name, TASK_FIGURES)
+
+
+def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:
+    best = answers.best.filter(task=name)
+    models = best["model"].unique(maintain_order=True).to_list()
+    found = {(of, who, model): words for of, who, model, words in _best_words(answers, name, best)}
+    hashes = dict(_rows(answers("lineage", HASHES).filter(task=name), "demonstration_id", "recording_sha256"))
+    rows: list[list[object]] = [
+        [
+            row["source"],
+            row["participant"],
+            row["duration_s"],
+            str(hashes.get(row["demonstration_id"]) or "")[:_HASH_DIGITS],
+        ]
+        + [found.get((row["demonstration_id"], row["participant"], model), "not inferred yet") for model in models]
+        for row in people.iter_rows(named=True)
+    ]
+    rows.append(["all together", "", None, "", *(found["all", "all", model] for model in models)])
+    header = (
+        "recording",
+        "participant",
+        "duration (s)",
+        "SHA-256",
+        *(f"wants, under {model_name(model)}" for model in models),
+    )
+    return Table(f"What each says, by the set of alternatives {WORKING!r}.", header, rows)
+
+
+def _best_words(answers: _Answers, name: str, best: pl.DataFrame) -> list[tuple[str, str, str, str]]:
+    return [
+        (of, who, model, answers.words[name][theta_id])
+        for of, who, model, theta_id in _rows(best, "demonstration_id", "participant", "model", "theta_id")
+    ]
+
+
+def _pictures(project: Project, name: str, captions: Mapping[str, str]) -> list[Part]:
+    files = {file.stem: file for file in sorted(project.figures(name).glob("*.svg"))}
+    known = [figure for figure in captions if figure in files]
+    return [Picture(files[figure].read_bytes(), captions[figure]) for figure in known]
+
+
+def _versions(project: Project, answers: _Answers, tasks: Sequence[str]) -> list[Part]:
+    programs = [("lessbench", version("lessbench")), ("Python", platform.python_version())]
+    programs += [(name, version(name)) for name in LIBRARIES]
+    files = answers("files", "from files where table_name = 'posteriors'")
+    rows = [
+        [row["task"], row["seed"], *(str(row[key] or "")[:_HASH_DIGITS] for key in ("model", "parameters", "sha256"))]
+        for row in files.iter_rows(named=True)
+        if row["task"] in tasks
+    ]
+    stated: list[Part] = [
+        Text("Equal recordings, parameters and versions give the same tables and figures, byte for byte."),
+        Table("Programs.", ("program", "version"), programs),
+    ]
+    if rows:
+        header = ("task", "seed", "compiled scene", "parameters", "posteriors.parquet")
+        stated.append(
+            Table(
+                "What each task's posteriors were made from, and they themselves: the first digits of SHA-256.",
+                header,
+                rows,
+            )
+        )
+    return stated
+
+
+def _parameters(project: Project) -> list[Part]:
+    parts: list[Part] = [Verbatim((project.root / params.FILE).read_text(encoding="utf-8"))]
+    if project.overlay is not None:
+        parts += [
+            Text("Given beside these, and taking their place:"),
+            Verbatim(project.overlay.read_text(encoding="utf-8")),
+        ]
+    return parts
+
+
+def _metrics(project: Project, name: str) -> dict[str, Any]:
+    path = project.metrics(name)
+    numbers: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return numbers
+
+
+def _rows(table: pl.DataFrame, *columns: str) -> list[tuple[Any, ...]]:
+    return table.select(columns).rows() if table.width else []

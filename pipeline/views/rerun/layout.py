@@ -1,0 +1,176 @@
+"""The layout that opens with an inspection: scene and posteriors above, densities and numbers below."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from pipeline.views import palette
+from pipeline.views.rerun import posterior as posterior_view
+from pipeline.views.rerun.density import curve_bounds, curve_entity, map_bounds
+from pipeline.views.rerun.labels import drawable
+from pipeline.views.rerun.records import TIMELINE
+from pipeline.views.rerun.robustness import spread_bounds
+from pipeline.views.rerun.scene import alternatives_entity
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import polars as pl
+    from numpy.typing import NDArray
+
+    from pipeline.views.rerun.records import AlternativeSet, Inspection, Replay
+    from pipeline.views.task_summary import DensityMap
+
+    Floats = NDArray[np.float64]
+
+_SHORT_REPLAY_S = 60.0
+_DISTANCE, _LOWER = 0.86, 0.05
+
+
+def layout(inspection: Inspection) -> rrb.Blueprint:
+    """The views of an inspection, and a replay that plays by itself, in about a minute if it would take longer."""
+    above = rrb.Horizontal(_scene_view(inspection), _posterior_view(inspection), column_shares=[10, 10])
+    columns: list[tuple[int, rrb.View | rrb.Container]] = [
+        (9, _curve_views(inspection)),
+        (10, _feature_views(inspection)),
+    ]
+    if inspection.robustness is not None:
+        columns.append((8, _spread_view(inspection.robustness)))
+    columns.append((11, text_view()))
+    below = rrb.Horizontal(*(view for _, view in columns), column_shares=[share for share, _ in columns])
+    length_s = float(inspection.replay.time_s[-1] - inspection.replay.time_s[0])
+    time = rrb.TimePanel(
+        state="collapsed",
+        timeline=TIMELINE,
+        play_state="playing",
+        loop_mode="all",
+        playback_speed=max(1.0, float(np.ceil(length_s / _SHORT_REPLAY_S))),
+    )
+    return rrb.Blueprint(
+        rrb.Vertical(above, below, row_shares=[62, 38]),
+        time,
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _scene_view(inspection: Inspection) -> rrb.Spatial3DView:
+    shown = [group.paths for group in inspection.alternatives if group.shown]
+    moving = [inspection.demonstration_paths, *shown, inspection.replay.body_positions[:, 1:]]
+    seen = np.concatenate([points.reshape(-1, 3) for points in moving])
+    return scene_view(inspection.replay, seen, hidden(inspection.alternatives))
+
+
+def scene_view(replay: Replay, seen: Floats, unseen: Sequence[str]) -> rrb.Spatial3DView:
+    """The view of the arm in its scene.
+
+    Args:
+        replay: where the robot stands, and from where its author looks.
+        seen: (P, 3) m, points that should be in the picture.
+        unseen: entities that wait to be selected.
+    """
+    position, target = camera(seen, replay.body_positions[0, 1], replay.geometry.viewpoint)
+    return rrb.Spatial3DView(
+        origin="scene",
+        name="Demonstrations (pink), alternatives by LESS weight (blue low, yellow high)",
+        background=_background(palette.ROOM),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0)),
+        overrides={entity: rrb.EntityBehavior(visible=False) for entity in unseen},
+    )
+
+
+def hidden(alternatives: Sequence[AlternativeSet]) -> list[str]:
+    """The entities of the sets that wait to be selected."""
+    return [alternatives_entity(group.name) for group in alternatives if not group.shown]
+
+
+def camera(seen: Floats, base: Floats, viewpoint: Floats | None) -> tuple[Floats, Floats]:
+    """Where to look from, and at what: all that moves, from the side of the scene's camera.
+
+    Without a camera in the scene: from beyond the middle of what is seen, to the side and above, the base behind it.
+
+    Args:
+        seen: (P, 3) m, points that should be in the picture.
+        base: (3,) m, where the robot stands.
+        viewpoint: (3,) m, the scene's camera, or None.
+
+    Returns:
+        (3,) position and (3,) target, m.
+    """
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    target = (low + high) / 2
+    direction = _beyond(target - base) if viewpoint is None else viewpoint - target
+    diagonal = np.linalg.norm(high - low)
+    away = _DISTANCE * diagonal
+    target = target - np.array(
+        [0.0, 0.0, _LOWER * diagonal]
+    )  # what stands on the table is worth more than the air above
+    return target + away * direction / np.linalg.norm(direction), target
+
+
+def _beyond(outward: Floats) -> Floats:
+    angle = np.arctan2(outward[1], outward[0]) + np.radians(50.0)
+    return np.array([np.cos(angle), np.sin(angle), np.tan(np.radians(24.0))])
+
+
+def _posterior_view(inspection: Inspection) -> rrb.Spatial2DView:
+    name = f"Posterior over {inspection.theta_meaning} (bar: so far, white line: after all)"
+    return page_view("posterior", name, posterior_view.page(inspection).bounds)
+
+
+def _curve_views(inspection: Inspection) -> rrb.Tabs:
+    views = [
+        page_view(curve_entity(curve.feature), f"{'' if place else 'Density: '}{curve.feature}", curve_bounds(curve))
+        for place, curve in enumerate(inspection.curves)
+    ]
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _feature_views(inspection: Inspection) -> rrb.Tabs:
+    views: list[rrb.View] = [map_view(inspection.map)]
+    if inspection.space is not None:
+        eye = rrb.EyeControls3D(position=(2.2, 2.0, 1.5), look_target=(0.55, 0.55, 0.42), eye_up=(0.0, 0.0, 1.0))
+        space = rrb.Spatial3DView(
+            origin="space",
+            name="Three features",
+            background=_background(),
+            line_grid=False,
+            eye_controls=eye,
+        )
+        views.append(space)
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _spread_view(robustness: pl.DataFrame) -> rrb.Spatial2DView:
+    return page_view("robustness", "KLAggregate (nats) against set size", spread_bounds(robustness))
+
+
+def map_view(density: DensityMap) -> rrb.Spatial2DView:
+    """The view of the density over two features."""
+    return page_view("map", f"Density: {' and '.join(density.features)}", map_bounds(density))
+
+
+def page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
+    """A view of a page that shows all of it."""
+    across, down = bounds
+    return rrb.Spatial2DView(
+        origin=origin,
+        name=drawable(name),
+        background=_background(),
+        visual_bounds=rrb.VisualBounds2D(x_range=across, y_range=down),
+    )
+
+
+def text_view(name: str = "Numbers, and where they came from") -> rrb.TextDocumentView:
+    """The view of the summary."""
+    return rrb.TextDocumentView(origin="summary", name=name)
+
+
+def _background(color: palette.RGB = palette.BACKGROUND) -> rrb.Background:
+    return rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=color)

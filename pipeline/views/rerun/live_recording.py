@@ -1,0 +1,166 @@
+"""Demonstrations shown as they come in: each is replayed once, and the posteriors stand as they are after it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from pipeline.views import palette
+from pipeline.views.rerun.density import log_map, log_map_points
+from pipeline.views.rerun.labels import drawable, part
+from pipeline.views.rerun.layout import map_view, page_view, scene_view, text_view
+from pipeline.views.rerun.posterior import log_now, page_now
+from pipeline.views.rerun.recording import written_recording
+from pipeline.views.rerun.records import TIMELINE
+from pipeline.views.rerun.scene import log_alternatives, log_bodies, log_playing, log_shapes, moving_bodies
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from pipeline.views.rerun.records import AlternativeSet, Replay
+    from pipeline.views.task_summary import DensityMap
+
+    Floats = NDArray[np.float64]
+
+_PAUSE_S = 0.5
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """What is known before any demonstration.
+
+    Attributes:
+        task: its name.
+        poses: the arm at some configurations that it goes through, at the first of which it begins.
+        alternatives: those that are drawn.
+        map: the density over two features, without demonstrations.
+        theta_labels: (K,) the hypotheses in words.
+        theta_meaning: what the numbers in the labels are.
+        priors: by model, (K,).
+        summary: Markdown.
+    """
+
+    task: str
+    poses: Replay
+    alternatives: AlternativeSet
+    map: DensityMap
+    theta_labels: tuple[str, ...]
+    theta_meaning: str
+    priors: Mapping[str, Floats]
+    summary: str
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """One demonstration that has come in.
+
+    Attributes:
+        name: of the demonstration.
+        replay: the arm over its time, from 0.
+        path: (T, 3) m, of the end effector.
+        on_map: (n, 2) raw values of all demonstrations so far of the two features of the map.
+        posteriors: by model, (K,), after it.
+        summary: Markdown.
+    """
+
+    name: str
+    replay: Replay
+    path: Floats
+    on_map: Floats
+    posteriors: Mapping[str, Floats]
+    summary: str
+
+
+class Watched:
+    """A recording that grows with each demonstration."""
+
+    def __init__(self, recording: rr.RecordingStream, beginning: Beginning) -> None:
+        self._recording, self._beginning = recording, beginning
+        self._moving = moving_bodies(beginning.poses)
+        self._end_s = 0.0
+        log_shapes(recording, beginning.poses.geometry)
+        poses = beginning.poses
+        start = replace(
+            poses,
+            body_positions=poses.body_positions[:1],
+            body_quaternions=poses.body_quaternions[:1],
+            time_s=np.zeros(1),
+            demonstration=np.zeros(1, dtype=np.int64),
+        )
+        log_bodies(recording, start, self._moving)
+        log_alternatives(recording, beginning.alternatives)
+        log_map(recording, beginning.map, {})
+        self._state(beginning.priors, beginning.summary)
+
+    def show(self, arrival: Arrival) -> None:
+        """Append a demonstration, and what is believed after it, and send it to whoever is connected."""
+        begin_s = self._end_s + _PAUSE_S
+        replay = replace(arrival.replay, time_s=arrival.replay.time_s + begin_s)
+        self._end_s = float(replay.time_s[-1])
+        log_bodies(self._recording, replay, self._moving)
+        log_playing(self._recording, arrival.name, arrival.path, np.linspace(begin_s, self._end_s, len(arrival.path)))
+        self._recording.set_time(TIMELINE, duration=self._end_s)
+        made = rr.LineStrips3D([arrival.path], radii=rr.Radius.ui_points(1.8), colors=palette.DEMONSTRATION)
+        self._recording.log(f"scene/demonstrations/{part(arrival.name)}", made)
+        log_map_points(
+            self._recording, self._beginning.map, "demonstrations", arrival.on_map, palette.DEMONSTRATION, static=False
+        )
+        self._state(arrival.posteriors, arrival.summary)
+
+    def remove(self, name: str, on_map: Floats, posteriors: Mapping[str, Floats], summary: str) -> None:
+        """Take a demonstration back; arguments as in `Arrival`."""
+        self._recording.set_time(TIMELINE, duration=self._end_s)
+        self._recording.log(f"scene/demonstrations/{part(name)}", rr.Clear(recursive=False))
+        log_map_points(
+            self._recording, self._beginning.map, "demonstrations", on_map, palette.DEMONSTRATION, static=False
+        )
+        self._state(posteriors, summary)
+
+    def _state(self, posteriors: Mapping[str, Floats], summary: str) -> None:
+        self._recording.set_time(TIMELINE, duration=self._end_s)
+        log_now(self._recording, self._beginning.theta_labels, posteriors)
+        text = rr.TextDocument(drawable(summary), media_type=rr.MediaType.MARKDOWN)
+        self._recording.log("summary", text)
+        self._recording.reset_time()
+        self._recording.flush(timeout_sec=30)
+
+
+@contextmanager
+def watched(path: Path, beginning: Beginning, *sinks: Any) -> Iterator[Watched]:
+    """A recording that is saved when the block ends well, and goes to Rerun sinks meanwhile.
+
+    Args:
+        path: the `.rrd` file, whole or not at all.
+        beginning: what is shown first.
+        sinks: of Rerun, such as a server.
+    """
+    with written_recording(path, f"{beginning.task} watched", _layout(beginning), *sinks) as recording:
+        yield Watched(recording, beginning)
+
+
+def _layout(beginning: Beginning) -> rrb.Blueprint:
+    poses, paths = beginning.poses, beginning.alternatives.paths
+    seen = np.concatenate([paths.reshape(-1, 3), poses.body_positions[:, 1:].reshape(-1, 3)])
+    name = f"Posterior over {beginning.theta_meaning}, after the demonstrations so far"
+    above = rrb.Horizontal(
+        scene_view(poses, seen, ()),
+        page_view("posterior", name, page_now(beginning.priors).bounds),
+        column_shares=[10, 10],
+    )
+    below = rrb.Horizontal(map_view(beginning.map), text_view("Demonstrations so far"), column_shares=[9, 20])
+    return rrb.Blueprint(
+        rrb.Vertical(above, below, row_shares=[62, 38]),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )

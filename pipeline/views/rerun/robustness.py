@@ -1,0 +1,90 @@
+"""KLAggregate against the size of the sets, a panel per way of sampling, a line per model, on logarithmic axes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import polars as pl
+import rerun as rr
+
+from pipeline.views import palette
+from pipeline.views.rerun.labels import log_labels, part
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Bounds = tuple[tuple[float, float], tuple[float, float]]
+
+_WIDTH, _HEIGHT, _GAP, _LEFT = 100.0, 130.0, 16.0, 30.0
+_LINE, _HAIR, _DOT = (rr.Radius.ui_points(points) for points in (1.4, 0.4, 3.5))
+# the viewer hangs a label below its point
+_LABEL_DROP = 7.0
+
+
+def spread_bounds(robustness: pl.DataFrame) -> Bounds:
+    """What the view of the chart shows, horizontally and vertically."""
+    panels = robustness["regime"].n_unique()
+    return (-_LEFT, panels * (_WIDTH + _GAP)), (-38.0, _HEIGHT + 26.0)
+
+
+def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
+    """Log the chart under `/robustness`.
+
+    Args:
+        recording: where to.
+        robustness: rows of `robustness_summary` of one kind of demonstrations.
+    """
+    ranged = robustness.drop_nulls(["low", "high"]).filter(pl.col("low") > 0)
+    every = pl.concat([robustness["value"], ranged["low"], ranged["high"]])
+    marks = decades(float(every.min()), float(every.max()))  # type: ignore[arg-type]
+    low, high = np.log10(marks[0]), np.log10(marks[-1])
+    sizes = robustness["set_size"].unique().sort().to_numpy()
+    first, span = np.log10(sizes[0]), max(1e-9, np.log10(sizes[-1] / sizes[0]))
+
+    def up(values: Floats) -> Floats:
+        return np.asarray(_HEIGHT * (1 - (np.log10(values) - low) / (high - low)))
+
+    def across(values: Floats, panel: int) -> Floats:
+        return np.asarray(panel * (_WIDTH + _GAP) + _WIDTH * (0.06 + 0.88 * (np.log10(values) - first) / span))
+
+    models = tuple(robustness["model"].unique(maintain_order=True))
+    for panel, (regime,) in enumerate(robustness.select("regime").unique(maintain_order=True).iter_rows()):
+        left = panel * (_WIDTH + _GAP)
+        entity = f"robustness/{part(palette.REGIMES.get(regime, regime))}"
+        for model in models:
+            rows = robustness.filter(regime=regime, model=model).sort("set_size")
+            x, y = across(rows["set_size"].to_numpy(), panel), up(rows["value"].to_numpy())
+            color = palette.model_color(model, models)
+            line = rr.LineStrips2D([np.stack([x, y], axis=1)], radii=_LINE, colors=color, draw_order=2.0)
+            recording.log(f"{entity}/{part(model)}", line, static=True)
+            dots = rr.Points2D(np.stack([x, y], axis=1), radii=_DOT, colors=color, draw_order=3.0)
+            recording.log(f"{entity}/{part(model)}/points", dots, static=True)
+            mine = ranged.filter(regime=regime, model=model)
+            at = across(mine["set_size"].to_numpy(), panel)
+            ends_up = np.stack([up(mine["low"].to_numpy()), up(mine["high"].to_numpy())], axis=1)
+            bars = np.stack([np.repeat(at[:, None], 2, axis=1), ends_up], axis=2)
+            strips = rr.LineStrips2D(list(bars), radii=_LINE, colors=color, draw_order=2.0)
+            recording.log(f"{entity}/{part(model)}/intervals", strips, static=True)
+        rules = [[(left, y), (left + _WIDTH, y)] for y in up(marks)]
+        recording.log(f"{entity}/lines", rr.LineStrips2D(rules, radii=_HAIR, colors=palette.GREY), static=True)
+        numbers = np.stack([across(sizes, panel), np.full(sizes.size, _HEIGHT)], axis=1)
+        log_labels(recording, f"{entity}/sizes", numbers, [f"{size:g}" for size in sizes])
+        title = [(left + _WIDTH / 2, -_LABEL_DROP - 11.0)]
+        log_labels(recording, f"{entity}/title", title, [palette.REGIMES.get(regime, regime)])
+    left_of = np.stack([np.full(marks.size, -0.5 * _LEFT), up(marks) - 0.5 * _LABEL_DROP], axis=1)
+    log_labels(recording, "robustness/numbers", left_of, [f"{mark:g}" for mark in marks])
+    named = [(0.25 * _WIDTH + 0.9 * _WIDTH * place, -_LABEL_DROP - 29.0) for place in range(len(models))]
+    colors = [palette.model_color(model, models) for model in models]
+    log_labels(recording, "robustness/legend", named, [palette.model_name(m) for m in models], colors=colors)
+
+
+def decades(low: float, high: float) -> Floats:
+    """1, 3, 10, 30 and so on, from the last at or below `low` to the first at or above `high`, both positive."""
+    steps = np.array([1.0, 3.0])
+    powers = np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
+    marks = np.sort(np.outer(10.0**powers, steps).ravel())
+    below, above = marks[marks <= low * (1 + 1e-9)].max(), marks[marks >= high * (1 - 1e-9)]
+    above_or_next = above.min() if above.size and above.min() > below else marks[marks > below].min()
+    return np.asarray(marks[(marks >= below) & (marks <= above_or_next)])

@@ -1,0 +1,163 @@
+"""The scene of an inspection in Rerun's terms: shapes once, bodies over time, paths."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import rerun as rr
+
+from pipeline.views import palette
+from pipeline.views.rerun.labels import drawable, part
+from pipeline.views.rerun.records import TIMELINE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pipeline.replay.geometry import Geometry, Shape
+    from pipeline.views.rerun.records import AlternativeSet, Inspection, Replay
+
+    Floats = NDArray[np.float64]
+
+_ENDLESS_M = 2.0
+# a black arm would be a hole in a dark room
+_DARKEST = 0.3
+_PLANE_HALF_THICKNESS_M = 0.0005
+_THIN, _MEDIUM, _THICK, _DOT = (rr.Radius.ui_points(points) for points in (0.45, 1.8, 2.6, 4.0))
+
+
+def log_scene(recording: rr.RecordingStream, inspection: Inspection) -> None:
+    """Log the scene under `/scene`."""
+    replay = inspection.replay
+    log_shapes(recording, replay.geometry)
+    log_bodies(recording, replay, moving_bodies(replay))
+    for alternatives in inspection.alternatives:
+        log_alternatives(recording, alternatives)
+    paths = inspection.demonstration_paths
+    shown = rr.LineStrips3D(list(paths), radii=_MEDIUM, colors=palette.DEMONSTRATION)
+    recording.log("scene/demonstrations", shown, static=True)
+    for start_s, end_s, name, path in zip(
+        inspection.start_s, inspection.end_s, inspection.demonstration_ids, paths, strict=True
+    ):
+        log_playing(recording, name, path, np.linspace(start_s, end_s, len(path)))
+
+
+def log_shapes(recording: rr.RecordingStream, geometry: Geometry) -> None:
+    """Log every solid once, in the frame of its body."""
+    recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    bodies = body_entities(geometry.body_names)
+    for shape in geometry.shapes:
+        recording.log(f"{bodies[shape.body]}/{part(shape.name)}", solid(shape), static=True)
+
+
+def moving_bodies(replay: Replay) -> frozenset[int]:
+    """Bodies that are not where they began at some time of the replay."""
+    positions, quaternions = replay.body_positions, replay.body_quaternions
+    moved = (positions != positions[0]).any(axis=(0, 2)) | (quaternions != quaternions[0]).any(axis=(0, 2))
+    return frozenset(np.flatnonzero(moved).tolist())
+
+
+def log_bodies(recording: rr.RecordingStream, replay: Replay, moving: frozenset[int]) -> None:
+    """Log where each body with a shape is: those that move as columns over time, the others once."""
+    bodies = body_entities(replay.geometry.body_names)
+    for body in sorted({shape.body for shape in replay.geometry.shapes}):
+        positions, xyzw = replay.body_positions[:, body], np.roll(replay.body_quaternions[:, body], -1, axis=1)
+        if body in moving:
+            recording.send_columns(
+                bodies[body],
+                indexes=[rr.TimeColumn(TIMELINE, duration=replay.time_s)],
+                columns=rr.Transform3D.columns(translation=positions, quaternion=xyzw),
+            )
+        else:
+            still = rr.Transform3D(translation=positions[0], quaternion=rr.Quaternion(xyzw=xyzw[0]))
+            recording.log(bodies[body], still, static=True)
+
+
+def log_alternatives(recording: rr.RecordingStream, alternatives: AlternativeSet) -> None:
+    """Log the paths of a set, an entity per sampler, coloured by their LESS weight in the set."""
+    weights = alternatives.log_weights
+    if not weights.size:
+        return
+    samplers = np.array(alternatives.samplers)
+    colors = palette.path_colors(weights, float(weights.min()), float(weights.max()))
+    for sampler in dict.fromkeys(alternatives.samplers):
+        mine = np.flatnonzero(samplers == sampler)
+        # dense first: the rare ones, which LESS counts most, are drawn last and stay visible
+        mine = mine[np.argsort(weights[mine], kind="stable")]
+        strips = rr.LineStrips3D(list(alternatives.paths[mine]), radii=_THIN, colors=colors[mine])
+        recording.log(f"{alternatives_entity(alternatives.name)}/{part(sampler)}", strips, static=True)
+
+
+def alternatives_entity(name: tuple[str, ...]) -> str:
+    """Where a set of alternatives, or a branch of them, is logged."""
+    return "/".join(["scene/alternatives", *(part(branch) for branch in name)])
+
+
+def log_playing(recording: rr.RecordingStream, name: str, path: Floats, time_s: Floats) -> None:
+    """Log a demonstration's path as it is drawn, and its name at the hand.
+
+    Args:
+        recording: where to.
+        name: of the demonstration.
+        path: (T, 3) m, of the end effector.
+        time_s: (T,) when it is at each point.
+    """
+    recording.set_time(TIMELINE, duration=time_s[0])
+    recording.log("scene/playing", rr.LineStrips3D.from_fields(radii=_THICK, colors=palette.WHITE))
+    named = rr.Points3D.from_fields(radii=_DOT, colors=palette.WHITE, labels=[drawable(name)], show_labels=True)
+    recording.log("scene/playing/hand", named)
+    recording.reset_time()
+    drawn = [path[[0, 0]], *(path[: count + 1] for count in range(1, len(path)))]
+    times = [rr.TimeColumn(TIMELINE, duration=time_s)]
+    recording.send_columns("scene/playing", indexes=times, columns=rr.LineStrips3D.columns(strips=drawn))
+    recording.send_columns("scene/playing/hand", indexes=times, columns=rr.Points3D.columns(positions=path))
+
+
+def body_entities(names: tuple[str, ...]) -> list[str]:
+    """Where each body is logged."""
+    return [f"scene/bodies/{part(name)}" for name in names]
+
+
+def solid(shape: Shape) -> Any:
+    """A shape as the Rerun archetype of its kind, in the frame of its body."""
+    rotation = rr.Quaternion(xyzw=np.roll(shape.quaternion, -1))
+    color = np.rint(255 * np.maximum(shape.rgba, _DARKEST)).astype(np.uint8)
+    at: dict[str, Any] = {"quaternions": [rotation], "colors": [color]}
+    filled: dict[str, Any] = {"fill_mode": rr.components.FillMode.Solid}
+    size = shape.size
+    if shape.kind == "mesh":
+        return _mesh(shape, color)
+    if shape.kind == "capsule":
+        # MuJoCo centres a capsule, Rerun starts it at the lower cap's centre
+        foot = shape.position + _rotate(shape.quaternion, np.array([0.0, 0.0, -size[1]]))
+        return rr.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[foot], **at, **filled)
+    if shape.kind == "cylinder":
+        return rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], centers=[shape.position], **at, **filled)
+    if shape.kind in ("sphere", "ellipsoid"):
+        half = np.full(3, size[0]) if shape.kind == "sphere" else size
+        return rr.Ellipsoids3D(half_sizes=[half], centers=[shape.position], **at, **filled)
+    half = size
+    if shape.kind == "plane":
+        at["colors"] = [palette.GROUND]  # thin bright paths would be lost in front of a bright floor
+        half = np.append(np.where(size[:2] > 0, size[:2], _ENDLESS_M), _PLANE_HALF_THICKNESS_M)
+    return rr.Boxes3D(half_sizes=[half], centers=[shape.position], **at, **filled)
+
+
+def _mesh(shape: Shape, color: Any) -> rr.Mesh3D:
+    vertices = _rotate(shape.quaternion, shape.vertices) + shape.position
+    corners = vertices[shape.faces]
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, shape.faces[:, corner], facing)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+    return rr.Mesh3D(
+        vertex_positions=vertices, triangle_indices=shape.faces, vertex_normals=normals, albedo_factor=color
+    )
+
+
+def _rotate(quaternion: Any, points: Any) -> Any:
+    w, axis = quaternion[0], quaternion[1:]
+    twice = 2.0 * np.cross(axis, points)
+    return points + w * twice + np.cross(axis, twice)

@@ -1,0 +1,1 @@
+"""What computes the parts of a set: this machine's cores or a Dask cluster."""

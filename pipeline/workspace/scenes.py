@@ -1,0 +1,50 @@
+"""The scene of a task, as the parameters name it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from pipeline.params import Task
+from pipeline.replay.scene import Scene, load_scene, scene_files
+from pipeline.workspace.project import Project
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """What a worker needs to load the scene of a task, once for all parts.
+
+    Attributes:
+        path: the MJCF file, where every worker can read it.
+        end_effector: body or site whose path matters.
+        content: SHA-256 over the file and those it includes, so that a changed scene is loaded again.
+    """
+
+    path: Path
+    end_effector: str
+    content: str
+
+
+def load_task_scene(project: Project, task: Task) -> Scene:
+    """Load the task's MJCF with its end effector.
+
+    Raises:
+        SceneError: see `pipeline.replay.load_scene`.
+    """
+    return load_scene(project.path(task.scene), end_effector=task.end_effector)
+
+
+def scene_file(scene: Scene) -> SceneFile:
+    """The file of a scene that has been loaded."""
+    digest = hashlib.sha256()
+    for path in scene_files(scene.path):
+        digest.update(path.read_bytes())
+    return SceneFile(scene.path, scene.end_effector, digest.hexdigest())
+
+
+@lru_cache(maxsize=4)
+def loaded(file: SceneFile) -> Scene:
+    """The scene of a file."""
+    return load_scene(file.path, end_effector=file.end_effector)

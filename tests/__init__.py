@@ -1,0 +1,1 @@
+"""The tests mirror the package; `oracles` are slow and obvious versions, `support` is what tests run in."""

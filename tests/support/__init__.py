@@ -1,0 +1,1 @@
+"""What tests run in: small projects, recordings, viewers, browsers, disturbances."""
