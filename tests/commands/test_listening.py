@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
 # Every command that listens, with the test that looks at its sockets from the outside; a new one must be named here.
 LISTENING = {
     "view": "test_listening.py: test_the_viewer_listens_on_the_loopback_address_alone",
-    "infer": "test_live.py: test_a_recording_is_served_here_only_and_saved",
-    "inspect": "test_live.py: test_a_recording_is_served_here_only_and_saved",
+    "infer": "test_serve.py: test_a_recording_is_served_here_only_and_saved",
+    "inspect": "test_serve.py: test_a_recording_is_served_here_only_and_saved",
     "watch": "test_watch.py: test_it_serves_while_it_watches_and_keeps_what_it_has_when_told_to_end",
 }
 # Every module that opens a socket to listen on, or starts a program that does.
