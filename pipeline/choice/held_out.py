@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.inference import checked_prior
 from pipeline.choice.likelihood import log_likelihood
 from pipeline.choice.logspace import log_sum_exp, peak
 from pipeline.choice.models import Model
-from pipeline.choice.validation import FloatArray, read_only
+from pipeline.choice.validation import read_only
 from pipeline.errors import ArgumentError
 
 

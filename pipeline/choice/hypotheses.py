@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.kernel.unique_rows import distinct_rows
-from pipeline.choice.validation import FloatArray, vector
+from pipeline.choice.validation import vector
 from pipeline.errors import ArgumentError
 
 

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.likelihood import ChoiceSet, log_likelihood
 from pipeline.choice.logspace import log_sum_exp, normalised, peak
 from pipeline.choice.models import Model
-from pipeline.choice.validation import FloatArray, inverse_temperatures, matrix, read_only
+from pipeline.choice.validation import inverse_temperatures, matrix, read_only
 from pipeline.errors import ArgumentError
 
 

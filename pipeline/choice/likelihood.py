@@ -9,12 +9,13 @@ from operator import add
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.log_sum_exp import BLOCK, LogSumExp
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.models import Model, WeightedSet
-from pipeline.choice.validation import FloatArray, inverse_temperatures, matrix
+from pipeline.choice.validation import inverse_temperatures, matrix
 from pipeline.errors import ArgumentError
 
 # Joined weights of a group of demonstrations: 256 MB.
@@ -171,7 +172,7 @@ class ChoiceSet:
         return reduce(add, parts).value
 
 
-def _log_likelihood_of_rows(choice: ChoiceSet, rows: NDArray[np.intp]) -> FloatArray:
+def _log_likelihood_of_rows(choice: ChoiceSet, rows: IndexArray) -> FloatArray:
     chosen = choice.utilities(choice.features[rows]) + choice.weights.log_w[rows]
     return np.asarray((chosen - choice.log_normaliser().T).T)
 
@@ -197,7 +198,7 @@ def _log_likelihood_outside(choice: ChoiceSet, features: FloatArray, compared: A
     return log_likelihoods
 
 
-def _rows(demonstrations: ArrayLike, count: int) -> NDArray[np.intp] | None:
+def _rows(demonstrations: ArrayLike, count: int) -> IndexArray | None:
     """The demonstrations as rows of the set, if that is what they are."""
     array = np.asarray(demonstrations)
     if array.ndim != 1 or array.dtype.kind not in "iu":

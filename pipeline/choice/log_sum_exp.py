@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log, peak
-from pipeline.choice.validation import FloatArray, inverse_temperatures, matrix, vector
+from pipeline.choice.validation import inverse_temperatures, matrix, vector
 from pipeline.errors import ArgumentError
 
 # Terms in one block: 16 MB.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.choice.validation import FloatArray
+from pipeline.arrays import FloatArray
 
 
 def log_sum_exp(values: FloatArray, axis: int | tuple[int, ...] | None = None) -> FloatArray:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import entr
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray, vector
+from pipeline.choice.validation import vector
 from pipeline.errors import ArgumentError
 
 # Probabilities closer than this are one value that was rounded differently.

@@ -18,12 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.kernel.bandwidth import METHODS, select_bandwidth
 from pipeline.choice.kernel.density import log_density
 from pipeline.choice.kernel.unique_rows import distinct_rows
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.path_size import check_incidence, check_lengths, log_path_sizes
-from pipeline.choice.validation import FloatArray, matrix, positive, read_only
+from pipeline.choice.validation import matrix, positive, read_only
 from pipeline.errors import ArgumentError, one_of
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from pipeline.choice.validation import FloatArray, vector
+from pipeline.arrays import FloatArray
+from pipeline.choice.validation import vector
 from pipeline.errors import ArgumentError
 
 

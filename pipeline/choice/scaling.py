@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +22,13 @@ class Spread:
     """
 
     count: int
-    lower: Array
-    upper: Array
-    mean: Array
-    variance: Array
+    lower: FloatArray
+    upper: FloatArray
+    mean: FloatArray
+    variance: FloatArray
 
     @classmethod
-    def of(cls, features: Array) -> Spread:
+    def of(cls, features: FloatArray) -> Spread:
         """Of the rows of (N, F)."""
         lower, upper = features.min(axis=0), features.max(axis=0)
         return cls(len(features), lower, upper, features.mean(axis=0), features.var(axis=0))
@@ -46,7 +44,7 @@ class Spread:
             (1 - share) * self.variance + share * other.variance + share * (1 - share) * step**2,
         )
 
-    def scale(self, method: str | Mapping[str, float], names: Sequence[str]) -> Array:
+    def scale(self, method: str | Mapping[str, float], names: Sequence[str]) -> FloatArray:
         """What each feature is divided by; see `feature_scale`."""
         if isinstance(method, Mapping):
             missing = [name for name in names if name not in method]
@@ -76,7 +74,7 @@ class Spread:
         return np.asarray(scale)
 
 
-def feature_scale(features: Array, method: str | Mapping[str, float], names: Sequence[str]) -> Array:
+def feature_scale(features: FloatArray, method: str | Mapping[str, float], names: Sequence[str]) -> FloatArray:
     """What each feature is divided by.
 
     Args:

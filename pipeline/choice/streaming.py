@@ -11,8 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.choice.kernel import cost_model
 from pipeline.choice.kernel.density import RELATIVE_ERROR, log_density
 from pipeline.choice.kernel.domain_split import MOST, Slab, cut
@@ -21,7 +22,7 @@ from pipeline.choice.kernel.pairwise import NEGLIGIBLE, Neighbours
 from pipeline.choice.kernel.unique_rows import distinct_rows
 from pipeline.choice.log_sum_exp import LogSumExp, log_likelihood_joined, partial_normaliser
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray, matrix
+from pipeline.choice.validation import matrix
 from pipeline.errors import ArgumentError
 
 _JOINED = 4_000_000  # joined weights that are held at once: 32 MB
@@ -73,7 +74,7 @@ def slab_of_part(rows: ArrayLike, slab: Slab) -> Sketch:
 
 def log_sums_of_part(
     rows: ArrayLike, slabs: Sequence[Slab], sketches: Iterable[Sketch], sigma: float
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, BoolArray]:
     """Log kernel sums over the whole set at the rows (M, F) of a part, from the sketches of the set's slabs.
 
     Returns:

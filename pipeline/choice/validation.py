@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
-
-FloatArray: TypeAlias = NDArray[np.float64]
 
 # Squared differences of larger numbers would overflow.
 LARGEST = 1e150

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
 from pipeline import params
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice import log_density, log_likelihood, posterior_from
 from pipeline.errors import StageError, TableError, WorkbenchError
 from pipeline.formats.parquet.tables import part_rows, read_part, read_provenance, read_table
@@ -29,7 +29,6 @@ from pipeline.workspace.project import STUDIES, Project
 from pipeline.workspace.provenance import content_hash
 from pipeline.workspace.scenes import load_task_scene
 
-Array = NDArray[np.float64]
 MADE_BY = {
     "ingest": ("demonstrations", "rejected"),
     "sample": ("alternatives", "sampling"),
@@ -220,7 +219,7 @@ def _replay_trajectories(found: Verified, project: Project, name: str, sample: i
                 )
 
 
-def _rows(path: Path, table: str, rows: NDArray[np.intp], columns: list[str]) -> pl.DataFrame:
+def _rows(path: Path, table: str, rows: IndexArray, columns: list[str]) -> pl.DataFrame:
     """Some rows of a table, in order, with one part of it in memory at a time."""
     ends = np.cumsum(part_rows(path, table))
     parts = []
@@ -280,7 +279,7 @@ def _replay_posteriors(found: Verified, project: Project, name: str, sample: int
 def _choice_sets(
     found: Verified, project: Project, name: str, scales: pl.DataFrame, here: dict[str, Any], anchors: list[str],
     chosen: list[str],
-) -> Iterator[tuple[Array, float, Array]]:  # fmt: skip
+) -> Iterator[tuple[FloatArray, float, FloatArray]]:  # fmt: skip
     """Per anchor that some of the chosen demonstrations have: alternatives (N, F), bandwidth, demonstrations (n, F)."""
     names, scale = scales["feature"].to_list(), scales["scale"].to_numpy()
     features = pl.scan_parquet(project.table(name, "features"))
@@ -315,7 +314,7 @@ def _of(people: pl.DataFrame, demonstration_id: str, participant: str) -> list[s
     return rows["demonstration_id"].to_list()
 
 
-def _different(stored: Array, again: Array, tolerance: float) -> list[int]:
+def _different(stored: FloatArray, again: FloatArray, tolerance: float) -> list[int]:
     scale = max(float(np.abs(again).max(initial=0.0)), 1.0)
     differs: list[int] = np.flatnonzero(~(np.abs(stored - again) <= tolerance * scale)).tolist()
     return differs

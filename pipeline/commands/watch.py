@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.choice import Posterior, entropy, log_likelihood, posterior_from
 from pipeline.commands.serve import Live, announce, claimed, interrupted, say
 from pipeline.errors import RecordingError, StageError, WorkbenchError
@@ -45,8 +45,6 @@ from pipeline.workspace.scenes import load_task_scene
 
 if TYPE_CHECKING:
     from pipeline.views.rerun.server import Address
-
-Floats = NDArray[np.float64]
 FOLDER = "watch"  # in the task's folder of datasets: what is kept when watching ends
 TABLES = ("alternatives", "features", "scales", "densities")
 LOOK_S = 0.5
@@ -88,14 +86,14 @@ class Setting:
     scene: Scene
     features: tuple[str, ...]
     units: tuple[str, ...]
-    scale: Floats
-    raw: Floats
+    scale: FloatArray
+    raw: FloatArray
     bandwidth: float
-    waypoints: Floats
+    waypoints: FloatArray
     drawn: AlternativeSet
     feature_set: FeatureSet
-    thetas: Floats
-    betas: Floats
+    thetas: FloatArray
+    betas: FloatArray
     sources: tuple[Path, ...]
 
 
@@ -114,8 +112,8 @@ class Belief:
     setting: Setting
     models: tuple[str, ...]
     rows: dict[str, dict[str, Any]] = field(default_factory=dict)
-    raw: dict[str, Floats] = field(default_factory=dict)
-    log_likelihoods: dict[str, dict[str, Floats]] = field(default_factory=dict)
+    raw: dict[str, FloatArray] = field(default_factory=dict)
+    log_likelihoods: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
 
     def take(self, row: dict[str, Any]) -> None:
         """Take a demonstration in, in place of what had its name before."""
@@ -135,7 +133,7 @@ class Belief:
         for kept in (self.rows, self.raw, self.log_likelihoods):
             kept.pop(key, None)
 
-    def values(self, model: str) -> Floats:
+    def values(self, model: str) -> FloatArray:
         """(n, K, B) log likelihoods."""
         shape = (0, len(self.setting.thetas), len(self.setting.betas))
         return np.array([self.log_likelihoods[key][model] for key in sorted(self.rows)]).reshape(-1, *shape[1:])
@@ -148,7 +146,7 @@ class Belief:
             for model in self.models
         }
 
-    def on_map(self) -> Floats:
+    def on_map(self) -> FloatArray:
         """(n, 2) raw values of the map's two features."""
         raw = np.array([self.raw[key] for key in sorted(self.rows)]).reshape(-1, len(self.setting.features))
         return raw[:, _pair(self.setting)]
@@ -346,7 +344,7 @@ def _lines(belief: Belief) -> list[str]:
     return found
 
 
-def _marginals(belief: Belief) -> tuple[dict[str, Floats], str]:
+def _marginals(belief: Belief) -> tuple[dict[str, FloatArray], str]:
     """By model, the posterior over theta, and the text beside it."""
     posteriors = {model: posterior.marginal_theta for model, posterior in belief.posteriors().items()}
     lines = [
@@ -431,7 +429,7 @@ def _counts(belief: Belief, rejected: dict[str, dict[str, str]], arrivals: Arriv
     ]
 
 
-def _replay(scene: Scene, waypoints: Floats, duration_s: float) -> Replay:
+def _replay(scene: Scene, waypoints: FloatArray, duration_s: float) -> Replay:
     configurations, time_s, which = replay_samples(waypoints[None], np.array([duration_s]))
     positions, quaternions = body_poses(scene, configurations)
     return Replay(extract_geometry(scene.model), positions, quaternions, time_s, which)

@@ -15,12 +15,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.errors import SceneError
 
-Array = NDArray[np.float64]
-Axes = tuple[Array, Array, Array, Array]
+Axes = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """A frame in the world for each of n configurations: its x, y and z axis and its origin, (3, n) each or (3, 1)."""
 
 _ROUNDING = 1e-15  # entries of a placement this close to -1, 0 or 1 are meant to be it
@@ -45,7 +44,7 @@ class Joint:
     column: int
     slides: bool
     reference: float
-    placement: Array
+    placement: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,7 @@ class Carried:
     """A body or site: the joint whose frame carries it (-1: the world), its (3, 4) axes and origin in that frame."""
 
     joint: int
-    placement: Array
+    placement: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ class Chain:
     sites: tuple[Carried, ...]
 
     @classmethod
-    def of(cls, model: Any, joint_ids: Sequence[int], home: Array) -> Chain:
+    def of(cls, model: Any, joint_ids: Sequence[int], home: FloatArray) -> Chain:
         """The chain of a compiled model.
 
         Args:
@@ -101,7 +100,7 @@ class Chain:
                 carrier[body] = len(joints) - 1
                 frames.append(frame)
 
-        def carried(body: int, axes: Array, origin: Array) -> Carried:
+        def carried(body: int, axes: FloatArray, origin: FloatArray) -> Carried:
             pose = np.column_stack([axes.reshape(3, 3), origin])
             return Carried(int(carrier[body]), _seen_from(frames[carrier[body] + 1], pose))
 
@@ -113,7 +112,7 @@ class Chain:
         chain.require_agreement(model, joint_ids, home)
         return chain
 
-    def require_agreement(self, model: Any, joint_ids: Sequence[int], home: Array) -> None:
+    def require_agreement(self, model: Any, joint_ids: Sequence[int], home: FloatArray) -> None:
         """Raise a SceneError unless all bodies are where `mj_kinematics` has them, at some random configurations."""
         data = mujoco.MjData(model)
         data.qpos[:] = home
@@ -134,7 +133,7 @@ class Chain:
                     f"has it when the joints move; only bodies that hinges and slides carry can be replayed."
                 )
 
-    def posed(self, configurations: Array) -> Posed:
+    def posed(self, configurations: FloatArray) -> Posed:
         """The chain at n configurations (n, J)."""
         return Posed(self, configurations)
 
@@ -142,25 +141,25 @@ class Chain:
 class Posed:
     """A chain at n configurations; a frame is computed when it is first asked for, and kept."""
 
-    def __init__(self, chain: Chain, configurations: Array) -> None:
+    def __init__(self, chain: Chain, configurations: FloatArray) -> None:
         self._joints = chain.joints
         self._values, self._count = np.ascontiguousarray(configurations.T), len(configurations)
         self._placed: dict[int, Axes] = {}
         self._moved: dict[int, Axes] = {-1: _WORLD}
 
-    def origin(self, carried: Carried, at: NDArray[np.intp] | None = None) -> Array:
+    def origin(self, carried: Carried, at: IndexArray | None = None) -> FloatArray:
         """Of a body or site in the world, (3, n) m, or (3, 1) where nothing moves it; `at` picks configurations."""
-        frame: Sequence[Array] = self._frame(carried)
+        frame: Sequence[FloatArray] = self._frame(carried)
         if at is not None:
             frame = [np.broadcast_to(vector, (3, self._count))[:, at] for vector in frame]
         return weighted(frame[:3], carried.placement[:, 3], frame[3])
 
-    def coordinate(self, carried: Carried, direction: Array) -> Array:
+    def coordinate(self, carried: Carried, direction: FloatArray) -> FloatArray:
         """Of the origin of a body or site along a direction (3,) of the world, (n,) m."""
         along = [weighted(vector, direction) for vector in self._frame(carried)]
         return np.broadcast_to(weighted(along[:3], carried.placement[:, 3], along[3]), self._count)
 
-    def axes(self, carried: Carried) -> tuple[Array, Array, Array]:
+    def axes(self, carried: Carried) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The x, y and z axis of a body or site in the world, (3, n) or (3, 1) each."""
         frame = self._after(carried.joint)
         x, y, z = (weighted(frame[:3], column) for column in carried.placement[:, :3].T)
@@ -193,7 +192,7 @@ class Posed:
         return self._moved[index]
 
 
-def _cosine_and_sine(angle: Array) -> tuple[Array, Array]:
+def _cosine_and_sine(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Both from the tangent of half the angle: one call of the mathematical library and not two."""
     tangent = np.tan(0.5 * angle)
     square = tangent * tangent
@@ -201,7 +200,9 @@ def _cosine_and_sine(angle: Array) -> tuple[Array, Array]:
     return (1.0 - square) * share, 2.0 * tangent * share
 
 
-def weighted(vectors: Sequence[Array] | Array, weights: Array, start: Array | None = None) -> Array:
+def weighted(
+    vectors: Sequence[FloatArray] | FloatArray, weights: FloatArray, start: FloatArray | None = None
+) -> FloatArray:
     """`start` and the weighted sum of vectors; weights of 0 and 1, which most are, cost nothing."""
     total = start
     for vector, weight in zip(vectors, weights.tolist(), strict=True):
@@ -212,7 +213,7 @@ def weighted(vectors: Sequence[Array] | Array, weights: Array, start: Array | No
     return np.zeros_like(vectors[0]) if total is None else total
 
 
-def _joint_frame(axis: Array, anchor: Array, body_axes: Array) -> Array:
+def _joint_frame(axis: FloatArray, anchor: FloatArray, body_axes: FloatArray) -> FloatArray:
     """(3, 4): z along the joint's axis, x as near as can be to the body axis that is furthest from it."""
     near = body_axes[:, np.abs(axis @ body_axes).argmin()]
     x = near - axis * (axis @ near)
@@ -220,7 +221,7 @@ def _joint_frame(axis: Array, anchor: Array, body_axes: Array) -> Array:
     return np.column_stack([x, np.cross(axis, x), axis, anchor])
 
 
-def _seen_from(outer: Array, inner: Array) -> Array:
+def _seen_from(outer: FloatArray, inner: FloatArray) -> FloatArray:
     """The (3, 4) frame `inner` in the frame `outer`."""
     placement = outer[:, :3].T @ (inner - np.column_stack([np.zeros((3, 3)), outer[:, 3]]))
     whole = np.rint(placement)

@@ -4,7 +4,7 @@ A kind is a function from a Motion to one number per trajectory, with a unit; it
 gives beside `kind`, annotated as str, float, int or bool. Registering one is all it takes:
 
     @feature("clearance", unit="m")
-    def clearance(motion: Motion, *, over: str) -> Array:
+    def clearance(motion: Motion, *, over: str) -> FloatArray:
         return (motion.end_effector - motion.position(over))[..., 2].min(axis=1)
 """
 
@@ -17,15 +17,14 @@ from functools import partial
 from typing import Any, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError, ParameterError, SceneError, StageError, one_of
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene
 from pipeline.trajectories import measures
 
-Array = NDArray[np.float64]
-Evaluate = Callable[..., Array]
+Evaluate = Callable[..., FloatArray]
 Unit = str | Callable[[Scene], str]
 
 
@@ -67,31 +66,31 @@ def _squared_joint_unit(scene: Scene) -> str:
 
 
 @feature("efficiency", unit=_squared_joint_unit)
-def efficiency(motion: Motion) -> Array:
+def efficiency(motion: Motion) -> FloatArray:
     """Squared joint steps, summed: small for short and even paths."""
     return measures.squared_steps(motion.waypoints)
 
 
 @feature("height", unit="m")
-def height(motion: Motion, *, above: str = "world") -> Array:
+def height(motion: Motion, *, above: str = "world") -> FloatArray:
     """Height of the end effector over the origin of a body or site, summed over waypoints."""
     return measures.summed_height(motion.end_effector[..., 2] - motion.position(above)[..., 2])
 
 
 @feature("proximity", unit="m")
-def proximity(motion: Motion, *, object: str, radius_m: float = 0.4) -> Array:
+def proximity(motion: Motion, *, object: str, radius_m: float = 0.4) -> FloatArray:
     """How far the end effector is inside a vertical cylinder around a body or site, summed over waypoints."""
     return measures.summed_closeness(motion.end_effector, motion.position(object), radius_m)
 
 
 @feature("path_length", unit="m")
-def path_length(motion: Motion) -> Array:
+def path_length(motion: Motion) -> FloatArray:
     """Distance the end effector travels."""
     return measures.path_lengths(motion.end_effector)
 
 
 @feature("tilt", unit="rad")
-def tilt(motion: Motion, *, body: str) -> Array:
+def tilt(motion: Motion, *, body: str) -> FloatArray:
     """Angle between a body's z axis and the vertical, summed over waypoints: 0 for a mug that stays upright."""
     return measures.summed_tilt(motion.rotation(body)[..., 2])
 
@@ -109,9 +108,9 @@ class FeatureSet:
     scene: Scene
     names: tuple[str, ...]
     units: tuple[str, ...]
-    _functions: tuple[Callable[[Motion], Array], ...]
+    _functions: tuple[Callable[[Motion], FloatArray], ...]
 
-    def evaluate(self, waypoints: Array) -> Array:
+    def evaluate(self, waypoints: FloatArray) -> FloatArray:
         """All features of all trajectories, in one replay.
 
         Args:
@@ -132,7 +131,7 @@ class FeatureSet:
                 values[rows, column] = self._checked(self.names[column], function(motion), motion)
         return values
 
-    def _checked(self, name: str, result: Array, motion: Motion) -> Array:
+    def _checked(self, name: str, result: FloatArray, motion: Motion) -> FloatArray:
         result = np.asarray(result)
         if result.shape != (len(motion.waypoints),):
             raise StageError(
@@ -169,7 +168,7 @@ def bind_features(scene: Scene, specs: Mapping[str, Mapping[str, object]]) -> Fe
     return features
 
 
-def _bind(name: str, spec: Mapping[str, object]) -> tuple[Kind, Callable[[Motion], Array]]:
+def _bind(name: str, spec: Mapping[str, object]) -> tuple[Kind, Callable[[Motion], FloatArray]]:
     path = f"features.{name}"
     arguments = dict(spec)
     kind = KINDS.get(str(arguments.pop("kind", None)))

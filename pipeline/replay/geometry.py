@@ -15,11 +15,8 @@ import numpy as np
 from pipeline.errors import ArgumentError, SceneError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from pipeline.arrays import FloatArray, IntArray
     from pipeline.replay.scene import Scene
-
-    Floats = NDArray[np.float64]
 
 KINDS = ("plane", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh")
 _VISIBLE_GROUPS = 3
@@ -46,12 +43,12 @@ class Shape:
     name: str
     kind: str
     body: int
-    size: Floats
-    position: Floats
-    quaternion: Floats
-    rgba: Floats
-    vertices: Floats
-    faces: NDArray[np.int64]
+    size: FloatArray
+    position: FloatArray
+    quaternion: FloatArray
+    rgba: FloatArray
+    vertices: FloatArray
+    faces: IntArray
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ class Geometry:
 
     body_names: tuple[str, ...]
     shapes: tuple[Shape, ...]
-    viewpoint: Floats | None
+    viewpoint: FloatArray | None
 
 
 def extract_geometry(model: Any) -> Geometry:
@@ -83,7 +80,7 @@ def extract_geometry(model: Any) -> Geometry:
     return Geometry(body_names=names, shapes=tuple(_shape(model, i) for i in visible), viewpoint=_viewpoint(model))
 
 
-def body_poses(scene: Scene, waypoints: Floats) -> tuple[Floats, Floats]:
+def body_poses(scene: Scene, waypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Where every body is at each configuration, for shapes to be drawn there.
 
     Args:
@@ -142,14 +139,14 @@ def _rgba(model: Any, geom: int) -> Any:
     return model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
 
 
-def _viewpoint(model: Any) -> Floats | None:
+def _viewpoint(model: Any) -> FloatArray | None:
     for camera in range(model.ncam):
         if model.cam_bodyid[camera] == 0:
             return _frozen(model.cam_pos[camera])
     return None
 
 
-def _mesh(model: Any, mesh: int) -> tuple[Floats, NDArray[np.int64]]:
+def _mesh(model: Any, mesh: int) -> tuple[FloatArray, IntArray]:
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     first_face, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
     triangles = np.array(model.mesh_face[first_face : first_face + faces], dtype=np.int64)
@@ -157,11 +154,11 @@ def _mesh(model: Any, mesh: int) -> tuple[Floats, NDArray[np.int64]]:
     return _frozen(model.mesh_vert[first : first + count]), triangles
 
 
-def _no_mesh() -> tuple[Floats, NDArray[np.int64]]:
+def _no_mesh() -> tuple[FloatArray, IntArray]:
     return _frozen(np.empty((0, 3))), np.empty((0, 3), dtype=np.int64)
 
 
-def _frozen(values: Any) -> Floats:
+def _frozen(values: Any) -> FloatArray:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array

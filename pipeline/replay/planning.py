@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
 from pipeline.params import Task
@@ -18,7 +18,6 @@ from pipeline.trajectories.optimise import Assess, Search
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.samplers import Deformation, Draw, Sampler, draw_admissible
 
-Array = NDArray[np.float64]
 POOL = 1000  # trajectories on which the terms of the cost are brought to one scale
 SEARCH = Search(iterations=60)  # closes nine tenths of the gap from the straight path to what a long search finds
 
@@ -30,13 +29,13 @@ class Room:
     scene: Scene
     surface: str | None
 
-    def admissible(self, waypoints: Array) -> NDArray[np.bool_]:
+    def admissible(self, waypoints: FloatArray) -> BoolArray:
         """(N, T, J) -> (N,): nothing goes through the surface."""
         if self.surface is None:
             return np.ones(len(waypoints), dtype=bool)
         return clear_of(self.scene, waypoints, self.surface)
 
-    def limits(self, anchor: Anchor) -> tuple[Array, Array]:
+    def limits(self, anchor: Anchor) -> tuple[FloatArray, FloatArray]:
         """Least and greatest joint positions (J,). A person may start or end beyond a limit: then that is the limit."""
         lower = np.minimum(self.scene.lower, np.minimum(anchor.start, anchor.goal))
         return lower, np.maximum(self.scene.upper, np.maximum(anchor.start, anchor.goal))
@@ -81,7 +80,7 @@ class Planning:
         """Where the arm may be."""
         return Room(self.scene, self.task.surface)
 
-    def assess(self, waypoints: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def assess(self, waypoints: FloatArray) -> tuple[FloatArray, BoolArray]:
         """(N, T, J) -> raw cost terms (N, F) and whether the surface is cleared (N,), from one replay."""
         top = Surface(self.scene, self.task.surface) if self.task.surface else None
         parts = [
@@ -90,15 +89,15 @@ class Planning:
         ]
         return np.concatenate([terms for terms, _ in parts]), np.concatenate([clear for _, clear in parts])
 
-    def preference_scales(self, rng: np.random.Generator, anchor: Anchor, sampler: Deformation) -> Array:
+    def preference_scales(self, rng: np.random.Generator, anchor: Anchor, sampler: Deformation) -> FloatArray:
         """(F,) what each term is divided by: its range over deformations of the straight path."""
         draw = self.room.draw(sampler, rng, anchor, POOL, self.waypoints)
         return feature_scale(self.assess(draw.waypoints)[0], "range", self.preferences.names)
 
-    def scaled(self, scales: Array) -> Assess:
+    def scaled(self, scales: FloatArray) -> Assess:
         """`assess` with its terms divided by `scales` (F,)."""
 
-        def assess(waypoints: Array) -> tuple[Array, NDArray[np.bool_]]:
+        def assess(waypoints: FloatArray) -> tuple[FloatArray, BoolArray]:
             terms, clear = self.assess(waypoints)
             return terms / scales, clear
 

@@ -10,14 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ParameterError, one_of
 from pipeline.replay.replay import Motion
 from pipeline.replay.scene import Scene
 from pipeline.trajectories.measures import squared_steps, summed_closeness, summed_height
 
-Array = NDArray[np.float64]
 ARGUMENTS = {"efficiency": set[str](), "height": set[str](), "proximity": {"object", "radius_m"}}
 
 
@@ -47,12 +46,12 @@ class Preferences:
         """The F names."""
         return tuple(self.specs)
 
-    def terms(self, motion: Motion) -> Array:
+    def terms(self, motion: Motion) -> FloatArray:
         """Raw cost terms (n, F) of the n trajectories of a replay."""
         return np.stack([_term(motion, spec) for spec in self.specs.values()], axis=1)
 
 
-def _term(motion: Motion, spec: Mapping[str, object]) -> Array:
+def _term(motion: Motion, spec: Mapping[str, object]) -> FloatArray:
     if spec["kind"] == "efficiency":
         return squared_steps(motion.waypoints)
     if spec["kind"] == "height":

@@ -10,13 +10,11 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError, SceneError
 from pipeline.replay.chain import Posed, weighted
 from pipeline.replay.scene import Scene
-
-Array = NDArray[np.float64]
 
 _CONFIGURATIONS_PER_CHUNK = 16384  # what is computed of them fits the processor's cache
 
@@ -34,10 +32,10 @@ class Motion:
 
     scene: Scene
     first: int
-    waypoints: Array
+    waypoints: FloatArray
     posed: Posed = field(repr=False)
 
-    def position(self, name: str) -> Array:
+    def position(self, name: str) -> FloatArray:
         """Origin of a body or site in the world frame, (n, T, 3) m, read-only.
 
         Raises:
@@ -47,7 +45,7 @@ class Motion:
         chain = self.scene.chain
         return self._shaped(self.posed.origin((chain.bodies if kind == "body" else chain.sites)[index]))
 
-    def rotation(self, body: str) -> Array:
+    def rotation(self, body: str) -> FloatArray:
         """Orientation of a body in the world frame, (n, T, 3, 3), read-only; [..., k] is its axis number k.
 
         Raises:
@@ -57,17 +55,17 @@ class Motion:
         return np.stack([self._shaped(axis) for axis in axes], axis=-1)
 
     @property
-    def end_effector(self) -> Array:
+    def end_effector(self) -> FloatArray:
         """Origin of the scene's end effector in the world frame, (n, T, 3) m."""
         return self.position(self.scene.end_effector)
 
-    def _shaped(self, vectors: Array) -> Array:
+    def _shaped(self, vectors: FloatArray) -> FloatArray:
         trajectories, length, _ = self.waypoints.shape
         rows = vectors.reshape(3, trajectories, length) if vectors.shape[1] > 1 else vectors[:, :, None]
         return np.moveaxis(np.broadcast_to(rows, (3, trajectories, length)), 0, -1)
 
 
-def replay(scene: Scene, waypoints: Array, *, chunk: int | None = None) -> Iterator[Motion]:
+def replay(scene: Scene, waypoints: FloatArray, *, chunk: int | None = None) -> Iterator[Motion]:
     """Pose every waypoint; yield the trajectories in order, a chunk at a time, so that memory stays bounded.
 
     Args:
@@ -84,7 +82,7 @@ def replay(scene: Scene, waypoints: Array, *, chunk: int | None = None) -> Itera
     return _chunks(scene, waypoints, chunk or max(1, _CONFIGURATIONS_PER_CHUNK // waypoints.shape[1]))
 
 
-def body_positions(scene: Scene, waypoints: Array, names: Sequence[str]) -> dict[str, Array]:
+def body_positions(scene: Scene, waypoints: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
     """Origins of bodies or sites in the world frame, (N, T, 3) m for each name.
 
     Args:
@@ -131,7 +129,7 @@ class Surface:
         self._size, self._bodies = np.array(scene.model.site_size[site]), scene.moving_bodies()
         self._top = self._centre @ self._axes[:, 2] + self._size[2]
 
-    def cleared_by(self, motion: Motion) -> NDArray[np.bool_]:
+    def cleared_by(self, motion: Motion) -> BoolArray:
         """(n,) whether no moving body's origin is ever under the top within the extent."""
         clear = np.ones(len(motion.waypoints), dtype=bool)
         for body in reversed(self._bodies):  # what is carried furthest out dips most often
@@ -147,7 +145,7 @@ class Surface:
         return clear
 
 
-def clear_of(scene: Scene, waypoints: Array, surface: str = "table_top") -> NDArray[np.bool_]:
+def clear_of(scene: Scene, waypoints: FloatArray, surface: str = "table_top") -> BoolArray:
     """Whether each trajectory stays above a surface (see `Surface`).
 
     Args:
@@ -167,13 +165,13 @@ def clear_of(scene: Scene, waypoints: Array, surface: str = "table_top") -> NDAr
     return np.concatenate(clear) if clear else np.empty(0, dtype=bool)
 
 
-def _chunks(scene: Scene, waypoints: Array, chunk: int) -> Iterator[Motion]:
+def _chunks(scene: Scene, waypoints: FloatArray, chunk: int) -> Iterator[Motion]:
     for first in range(0, len(waypoints), chunk):
         part = waypoints[first : first + chunk]
         yield Motion(scene, first, part, scene.chain.posed(part.reshape(-1, part.shape[2])))
 
 
-def _checked(scene: Scene, waypoints: Array) -> Array:
+def _checked(scene: Scene, waypoints: FloatArray) -> FloatArray:
     waypoints = np.asarray(waypoints, dtype=np.float64)
     joints = len(scene.joints)
     if waypoints.ndim != 3 or waypoints.shape[2] != joints or waypoints.shape[1] < 1:

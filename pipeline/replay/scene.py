@@ -13,12 +13,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError, one_of
 from pipeline.replay.chain import Chain
-
-Array = NDArray[np.float64]
 
 _MOVABLE = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
@@ -44,14 +42,14 @@ class Scene:
     path: Path
     model: Any
     joints: tuple[str, ...]
-    qpos_addresses: NDArray[np.intp]
-    slides: NDArray[np.bool_]
-    continuous: NDArray[np.bool_]
-    lower: Array
-    upper: Array
-    start: Array | None
-    goal: Array | None
-    home: Array
+    qpos_addresses: IndexArray
+    slides: BoolArray
+    continuous: BoolArray
+    lower: FloatArray
+    upper: FloatArray
+    start: FloatArray | None
+    goal: FloatArray | None
+    home: FloatArray
     end_effector: str
     chain: Chain = field(repr=False)
 
@@ -80,7 +78,7 @@ class Scene:
             f" and its sites {one_of(sites) or '(none)'}."
         )
 
-    def moving_bodies(self) -> NDArray[np.intp]:
+    def moving_bodies(self) -> IndexArray:
         """Indices of the bodies that the J joints move."""
         return np.flatnonzero([body.joint >= 0 for body in self.chain.bodies])
 
@@ -191,7 +189,7 @@ def _joint_ids(path: Path, model: Any, joints: Sequence[str] | None) -> list[int
     return ids
 
 
-def _keyframe(model: Any, name: str) -> Array | None:
+def _keyframe(model: Any, name: str) -> FloatArray | None:
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
     return None if index < 0 else np.array(model.key_qpos[index], dtype=np.float64)
 

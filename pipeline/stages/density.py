@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.choice import Bandwidth, choose_engine, log_density, select_bandwidth
 from pipeline.choice.kernel.bandwidth import sampled_bandwidth
 from pipeline.choice.kernel.cost_model import LONGEST_S, pair_seconds
@@ -44,7 +44,6 @@ from pipeline.workspace.compute.streamed_alternatives import StreamedSet
 from pipeline.workspace.project import SCRATCH, Project, recorded_run
 from pipeline.workspace.provenance import provenance
 
-Floats = NDArray[np.float64]
 IN_MEMORY = 20_000_000  # rows of a set that are read at once where there is no other way
 SLABBED = 2_000_000  # rows of a set that are read at once where each part would transform every slab anew
 
@@ -138,7 +137,7 @@ def set_densities(job: tuple[Scaled, Sequence[SetRows], str | float]) -> list[pl
     return tables
 
 
-def _rows(rows: pl.DataFrame, sigma: Bandwidth, log_sums: Floats, engine: str) -> pl.DataFrame:
+def _rows(rows: pl.DataFrame, sigma: Bandwidth, log_sums: FloatArray, engine: str) -> pl.DataFrame:
     return rows.select(
         *GROUPS,
         alternative_id="id",
@@ -205,7 +204,7 @@ def slab_of(job: tuple[Scaled, Sequence[Piece], Slab]) -> Sketch:
     return slab_of_part(features.read(rows), slab)
 
 
-def log_sums_of(part: Sketched) -> Floats:
+def log_sums_of(part: Sketched) -> FloatArray:
     """(M,) log kernel sums over the whole set at the rows of a part."""
     total = sum(piece.count for rows in part.parts for piece in rows)
     sketches = (
@@ -242,7 +241,7 @@ def _bandwidth(
     return sampled_bandwidth(StreamedSet(pool, features, parts, spread, memory_bytes, what))
 
 
-def _whole(features: Scaled, one: SetRows, reason: str) -> Floats:
+def _whole(features: Scaled, one: SetRows, reason: str) -> FloatArray:
     """(N, F) of a set that must be in memory after all."""
     if one.rows > IN_MEMORY:
         raise StageError(

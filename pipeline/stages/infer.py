@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, AttributeRule, Boltzmann, held_out_from, log_likelihood, posterior_from, theta_grid
 from pipeline.choice.models import Model
 from pipeline.choice.streaming import JoinedSums, joined_sums
@@ -27,7 +27,6 @@ from pipeline.workspace.compute.executor import Workers, workers
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 
-Floats = NDArray[np.float64]
 INPUTS = ("demonstrations", "features", "scales", "densities")
 Group = tuple[str, str, list[int]]  # demonstration_id, participant, rows of the demonstrations
 
@@ -47,15 +46,15 @@ class Question:
     features: Scaled
     models: tuple[str, ...]
     ids: tuple[str, ...]
-    demonstrations: Floats
-    thetas: Floats
-    betas: Floats
+    demonstrations: FloatArray
+    thetas: FloatArray
+    betas: FloatArray
 
     def of(self, anchor: str) -> list[int]:
         """Which demonstrations alternatives with this anchor are compared with: all, or its own."""
         return [row for row, key in enumerate(self.ids) if anchor in ("task", key)]
 
-    def unknown(self) -> Floats:
+    def unknown(self) -> FloatArray:
         """(n, K, B) of NaN."""
         return np.full((len(self.ids), len(self.thetas), len(self.betas)), np.nan)
 
@@ -143,7 +142,7 @@ def _question(
 
 def _likelihoods(
     pool: Workers, question: Question, there: Contents, densities: Path, partition: int, what: str
-) -> Iterator[tuple[tuple[SetRows, ...], dict[str, Floats]]]:
+) -> Iterator[tuple[tuple[SetRows, ...], dict[str, FloatArray]]]:
     """The sets of each size and number, of all anchors, with (n, K, B) log likelihoods under each model."""
     known, sigmas = {one.key: one for one in contents(densities, "densities").sets}, _bandwidths(densities)
     alike: dict[tuple[int, str], list[SetRows]] = {}
@@ -169,7 +168,7 @@ def _bandwidths(path: Path) -> dict[tuple[str, int, str], float]:
     return found
 
 
-def set_likelihoods(job: tuple[Question, tuple[SetRows, ...], tuple[float, ...]]) -> dict[str, Floats]:
+def set_likelihoods(job: tuple[Question, tuple[SetRows, ...], tuple[float, ...]]) -> dict[str, FloatArray]:
     """(n, K, B) under each model: each demonstration against the alternatives that share its anchor."""
     question, sets, sigmas = job
     found = {label: question.unknown() for label in question.models}
@@ -189,7 +188,7 @@ def set_likelihoods(job: tuple[Question, tuple[SetRows, ...], tuple[float, ...]]
 def _streamed(
     pool: Workers, question: Question, sets: tuple[SetRows, ...], densities: Path,
     known: Mapping[tuple[str, int, str], SetRows], sigmas: Mapping[tuple[str, int, str], float], partition: int, what: str,
-) -> dict[str, Floats]:  # fmt: skip
+) -> dict[str, FloatArray]:  # fmt: skip
     """(n, K, B) under each model, each set a fold over its parts."""
     if "attribute-rule" in question.models:
         raise StageError(
@@ -238,7 +237,7 @@ def _added(one: Mapping[str, JoinedSums], other: Mapping[str, JoinedSums]) -> di
     return {label: one[label] + other[label] for label in one}
 
 
-def _check_complete(values: Floats, ids: Sequence[str]) -> None:
+def _check_complete(values: FloatArray, ids: Sequence[str]) -> None:
     missing = np.isnan(values).any(axis=(1, 2))
     if missing.any():
         raise StageError(
@@ -257,7 +256,7 @@ def groups_of(people: pl.DataFrame) -> list[Group]:
     return [*singles, *several, ("all", "all", list(range(len(singles))))]
 
 
-def posterior_rows(groups: Sequence[Group], values: Floats, thetas: Floats, betas: Floats) -> pl.DataFrame:
+def posterior_rows(groups: Sequence[Group], values: FloatArray, thetas: FloatArray, betas: FloatArray) -> pl.DataFrame:
     """Rows of posteriors.parquet for each group, from (n, K, B) log likelihoods of the demonstrations."""
     log_posterior = np.stack(
         [posterior_from(values[of].sum(axis=0), thetas, betas).log_probability for _, _, of in groups]
@@ -276,7 +275,7 @@ def posterior_rows(groups: Sequence[Group], values: Floats, thetas: Floats, beta
     )
 
 
-def _held_out(people: pl.DataFrame, values: Floats) -> pl.DataFrame:
+def _held_out(people: pl.DataFrame, values: FloatArray) -> pl.DataFrame:
     """One row per demonstration; none of fewer than two, as there are no others to predict it from."""
     if people.height < 2:
         return people.clear().with_columns(log_predictive=pl.lit(None, pl.Float64))

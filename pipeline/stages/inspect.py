@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.choice import entropy
 from pipeline.formats.parquet.tables import read_table
 from pipeline.params import Task
@@ -22,7 +22,6 @@ from pipeline.views.task_view import TaskView, read_waypoints, task_view
 from pipeline.workspace.project import WORKING, Project, recorded_run
 from pipeline.workspace.scenes import load_task_scene
 
-Floats = NDArray[np.float64]
 REGIMES, MODELS = ("independent", "sampler-shift"), ("boltzmann", "less")
 PATHS = 150  # of one set that are drawn; more hide each other and the scene
 POINTS = 2000  # alternatives in the cube of three features
@@ -108,7 +107,7 @@ def _space(project: Project, name: str, view: TaskView) -> FeatureSpace | None:
     )
 
 
-def _some(project: Project, count: int, most: int, *labels: str | int) -> NDArray[np.int64]:
+def _some(project: Project, count: int, most: int, *labels: str | int) -> IntArray:
     """Row numbers in order: all, or as many as are to be drawn."""
     if count <= most:
         return np.arange(count)
@@ -126,7 +125,7 @@ def _robustness(project: Project, name: str) -> pl.DataFrame | None:
     return rows if rows.height and (rows["value"] > 0).all() else None
 
 
-def _replay(scene: Scene, paths: Floats, durations_s: Floats) -> Replay:
+def _replay(scene: Scene, paths: FloatArray, durations_s: FloatArray) -> Replay:
     configurations, time_s, demonstration = replay_samples(paths, durations_s)
     positions, quaternions = body_poses(scene, configurations)
     return Replay(extract_geometry(scene.model), positions, quaternions, time_s, demonstration)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
 from pipeline.formats.parquet.foreign_keys import check_references
@@ -37,7 +37,6 @@ from pipeline.workspace.project import WORKING, Project, Run, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
 
-Array = NDArray[np.float64]
 INPUTS = ("demonstrations", "features", "scales", "shifted_alternatives")
 SCALES = ("range", "std", "none")
 
@@ -149,7 +148,9 @@ def _featurized(alternatives: pl.DataFrame, features: FeatureSet) -> pl.DataFram
     )
 
 
-def _demonstrations(people: pl.DataFrame, own: pl.DataFrame, names: tuple[str, ...], scale: Array) -> Demonstrations:
+def _demonstrations(
+    people: pl.DataFrame, own: pl.DataFrame, names: tuple[str, ...], scale: FloatArray
+) -> Demonstrations:
     rows = people.join(
         own.filter(kind="demonstration"), left_on="demonstration_id", right_on="id", maintain_order="left"
     )
@@ -162,7 +163,7 @@ def _demonstrations(people: pl.DataFrame, own: pl.DataFrame, names: tuple[str, .
     )
 
 
-def _choice_sets(table: pl.DataFrame, names: tuple[str, ...], scale: Array) -> tuple[ChoiceSets, ...]:
+def _choice_sets(table: pl.DataFrame, names: tuple[str, ...], scale: FloatArray) -> tuple[ChoiceSets, ...]:
     found = []
     for rows in table.partition_by("set_size", "set_id", maintain_order=True):
         anchors = {part["anchor"][0]: part for part in rows.partition_by("anchor", maintain_order=True)}

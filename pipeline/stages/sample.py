@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import StageError
 from pipeline.formats.parquet.partitions import cut, gathered
 from pipeline.formats.parquet.tables import read_table, table_writer, write_table
@@ -27,7 +27,6 @@ from pipeline.workspace.project import WORKING, Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import SceneFile, load_task_scene, loaded, scene_file
 
-Array = NDArray[np.float64]
 Drawn = tuple[tuple[str, int, str], pl.DataFrame, tuple[Tally, ...]]  # which set, rows of its table, what it took
 
 
@@ -154,7 +153,7 @@ def sampling_anchors(planning: Planning, demonstrations: pl.DataFrame) -> dict[s
     return {key: Anchor(path[0], path[-1]) for key, path in zip(ids, paths, strict=True)}
 
 
-def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> Array:
+def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> FloatArray:
     """Somebody's own alternatives (P, T, J): the column `waypoints`, row-major, each on the branch of the scene's start.
 
     Raises:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 
 _SUM_TOLERANCE = 1e-9  # of probabilities that should sum to one
@@ -124,7 +125,7 @@ def _wellek(counts: ArrayLike, probabilities: ArrayLike, alpha: float) -> tuple[
     return float(d @ d), sqrt(variance / float(x.sum())), float(ndtri(1.0 - alpha))
 
 
-def _checked(counts: ArrayLike, probabilities: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _checked(counts: ArrayLike, probabilities: ArrayLike) -> tuple[FloatArray, FloatArray]:
     x, p = np.asarray(counts, dtype=np.float64), np.asarray(probabilities, dtype=np.float64)
     _require_vector("counts", x.shape)
     _require_vector("probabilities", p.shape)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import IntArray
 from pipeline.choice import LESS, Boltzmann, log_probabilities
 from pipeline.errors import TableError, one_of
 from pipeline.studies.goodness_of_fit import chi_square_test, wellek_minimum_epsilon
@@ -196,14 +196,14 @@ def _offered(
     return offered
 
 
-def _counts(offered: pl.DataFrame, experimental: pl.DataFrame) -> NDArray[np.int64]:
+def _counts(offered: pl.DataFrame, experimental: pl.DataFrame) -> IntArray:
     tallies = experimental.group_by(option="choice").len("count")
     joined = offered.join(tallies, on="option", how="left", maintain_order="left")
     return joined["count"].fill_null(0).cast(pl.Int64).to_numpy()
 
 
 def _predictions(
-    offered: pl.DataFrame, counts: NDArray[np.int64], shares: pl.DataFrame, model: Boltzmann | LESS
+    offered: pl.DataFrame, counts: IntArray, shares: pl.DataFrame, model: Boltzmann | LESS
 ) -> pl.DataFrame:
     group_of = offered["group"].to_list()
     groups = shares["group"].to_list()

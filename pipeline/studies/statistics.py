@@ -14,8 +14,8 @@ from math import sqrt
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 
 
@@ -169,7 +169,7 @@ def repeated_logistic(table: pl.DataFrame, dependent: str, within: Sequence[str]
 class _Design:
     """A complete design: `values` (subjects, cells), the levels of each factor, and each cell's levels in order."""
 
-    values: NDArray[np.float64]
+    values: FloatArray
     factors: dict[str, list[str]]
     cells: list[tuple[str, ...]]
 
@@ -242,7 +242,7 @@ def _terms(factors: list[str]) -> list[str]:
     return [":".join(chosen) for size in range(1, len(factors) + 1) for chosen in combinations(factors, size)]
 
 
-def _gee(values: NDArray[np.float64], n_factors: int) -> NDArray[np.float64]:
+def _gee(values: FloatArray, n_factors: int) -> FloatArray:
     """Log odds ratio, standard error, z, p, odds ratio and its interval for each term but the intercept."""
     import statsmodels.api as sm
 

@@ -9,14 +9,15 @@ from itertools import chain, combinations
 from math import comb, isqrt
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError
 
 MAX_SIZE = 12  # 705,432 paths; a cell more makes 2.7 million, past what fits in memory with comfort
 
-Cells = NDArray[np.int64]
+Cells = IntArray
 
 
 def shortest_paths(size: int) -> Cells:
@@ -47,7 +48,7 @@ def shortest_paths(size: int) -> Cells:
     return paths
 
 
-def mean_distances(paths: Cells, objects: ArrayLike) -> NDArray[np.float64]:
+def mean_distances(paths: Cells, objects: ArrayLike) -> FloatArray:
     """Mean Euclidean distance of each path's cells to each object, in cells.
 
     A distance is sqrt(m) times a whole number, m without square factors, and these roots are linearly independent over
@@ -69,9 +70,9 @@ def mean_distances(paths: Cells, objects: ArrayLike) -> NDArray[np.float64]:
     return np.column_stack([_mean_distance(paths, centre) for centre in centres])
 
 
-def mean_positions(paths: Cells) -> NDArray[np.float64]:
+def mean_positions(paths: Cells) -> FloatArray:
     """(N, 2) mean x and mean y of each path's cells. They sum to size - 1: a step is either right or up."""
-    means: NDArray[np.float64] = paths.mean(axis=1)
+    means: FloatArray = paths.mean(axis=1)
     return means
 
 
@@ -88,11 +89,11 @@ def link_incidence(paths: Cells) -> sparse.csr_array:
     return sparse.csr_array((np.ones(count * steps), index.ravel(), starts), shape=(count, links.size))
 
 
-def _mean_distance(paths: Cells, centre: NDArray[np.int64]) -> NDArray[np.float64]:
+def _mean_distance(paths: Cells, centre: IntArray) -> FloatArray:
     squared = ((paths - centre) ** 2).sum(axis=2)
     values, index = np.unique(squared, return_inverse=True)
     factors, radicands = np.array([_simplest_root(int(value)) for value in values]).T
-    total: NDArray[np.float64] = np.zeros(len(paths))
+    total: FloatArray = np.zeros(len(paths))
     for radicand in np.unique(radicands):
         whole = np.where(radicands == radicand, factors, 0)[index.reshape(squared.shape)].sum(axis=1)
         total += whole * np.sqrt(float(radicand))

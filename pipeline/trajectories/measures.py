@@ -7,14 +7,12 @@ authors' lab defines its features on the arm).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 
-Array = NDArray[np.float64]
 
-
-def squared_steps(waypoints: Array) -> Array:
+def squared_steps(waypoints: FloatArray) -> FloatArray:
     """sum_{t=1}^{T-1} |q_t - q_{t-1}|^2.
 
     Args:
@@ -30,7 +28,7 @@ def squared_steps(waypoints: Array) -> Array:
     return np.asarray(np.einsum("ntj,ntj->n", steps, steps))
 
 
-def path_lengths(positions: Array) -> Array:
+def path_lengths(positions: FloatArray) -> FloatArray:
     """sum_{t=1}^{T-1} |x_t - x_{t-1}|.
 
     Args:
@@ -46,7 +44,7 @@ def path_lengths(positions: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ntd,ntd->nt", steps, steps)).sum(axis=1))
 
 
-def summed_height(heights: Array) -> Array:
+def summed_height(heights: FloatArray) -> FloatArray:
     """sum_{t=1}^{T-1} z_t.
 
     Args:
@@ -61,7 +59,7 @@ def summed_height(heights: Array) -> Array:
     return np.asarray(_shaped("heights", heights, 2)[:, 1:].sum(axis=1))
 
 
-def summed_closeness(positions: Array, centre: Array, radius_m: float) -> Array:
+def summed_closeness(positions: FloatArray, centre: FloatArray, radius_m: float) -> FloatArray:
     """sum_{t=1}^{T-1} max(0, radius - horizontal distance of x_t to the centre).
 
     Args:
@@ -89,7 +87,7 @@ def summed_closeness(positions: Array, centre: Array, radius_m: float) -> Array:
     return np.asarray(np.maximum(0.0, radius_m - distances).sum(axis=1))
 
 
-def summed_tilt(axes: Array) -> Array:
+def summed_tilt(axes: FloatArray) -> FloatArray:
     """sum_{t=1}^{T-1} of the angle between an axis and the vertical, atan2(|horizontal part|, z).
 
     Args:
@@ -108,7 +106,7 @@ def summed_tilt(axes: Array) -> Array:
     return np.asarray(angles.sum(axis=1))
 
 
-def _shaped(name: str, values: Array, dimensions: int) -> Array:
+def _shaped(name: str, values: FloatArray, dimensions: int) -> FloatArray:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != dimensions or values.shape[1] < 1:
         axes = ("N", "T", "D")[:dimensions]

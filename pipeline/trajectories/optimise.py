@@ -12,12 +12,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.paths import (
     Anchor,
-    Array,
     frozen,
     require_anchor_within,
     require_positive,
@@ -26,7 +25,7 @@ from pipeline.trajectories.paths import (
     within_limits,
 )
 
-Assess = Callable[[Array], tuple[Array, NDArray[np.bool_]]]
+Assess = Callable[[FloatArray], tuple[FloatArray, BoolArray]]
 """(N, T, J) waypoints to (N, F) cost terms, scaled so that one weight means as much for each, and (N,) admissible."""
 
 
@@ -69,19 +68,19 @@ class Optimised:
         inadmissible: share of all candidates that left the limits or went through the scene.
     """
 
-    waypoints: Array
-    costs: Array
+    waypoints: FloatArray
+    costs: FloatArray
     inadmissible: float
 
 
 def optimise_paths(
     rngs: Sequence[np.random.Generator],
     anchor: Anchor,
-    weights: Array,
+    weights: FloatArray,
     assess: Assess,
     *,
-    lower: Array,
-    upper: Array,
+    lower: FloatArray,
+    upper: FloatArray,
     n_waypoints: int,
     search: Search = Search(),
 ) -> Optimised:
@@ -112,7 +111,7 @@ def optimise_paths(
     line = straight_path(anchor, n_waypoints)
     basis = sine_basis(n_waypoints, search.modes, 1.0)
 
-    def evaluate(z: Array) -> tuple[Array, Array]:
+    def evaluate(z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Paths (P, L, T, J) and weighted costs (P, L), infinite where a path is not allowed."""
         paths = line + np.einsum("kt,plkj->pltj", basis, z)
         flat = paths.reshape(-1, *line.shape)
@@ -167,12 +166,12 @@ class _EvolutionStrategy:
         self._evolution = np.zeros((problems, *shape))  # p_sigma
         self._step = np.full((problems, 1, 1), step)
 
-    def candidates(self, noise: Array) -> Array:
+    def candidates(self, noise: FloatArray) -> FloatArray:
         """(P, L, K, J) standard normals to candidates."""
-        points: Array = self._mean[:, None] + self._step[:, None] * noise
+        points: FloatArray = self._mean[:, None] + self._step[:, None] * noise
         return points
 
-    def update(self, noise: Array, values: Array) -> None:
+    def update(self, noise: FloatArray, values: FloatArray) -> None:
         """Move mean and step size after `noise` got `values` (P, L); infinite values have no weight."""
         order = np.argsort(values, axis=1, kind="stable")
         share = np.zeros_like(values)
@@ -190,8 +189,8 @@ class _EvolutionStrategy:
         self._step[moved] *= np.exp(c / self._damping * (length / self._expected_length - 1))
 
 
-def random_weights(rng: np.random.Generator, count: int, features: int) -> Array:
+def random_weights(rng: np.random.Generator, count: int, features: int) -> FloatArray:
     """Cost weights (count, features): unit vectors spread evenly over the orthant of non-negative weights."""
     w = np.abs(rng.standard_normal((count, features)))
-    unit: Array = w / np.linalg.norm(w, axis=1, keepdims=True)
+    unit: FloatArray = w / np.linalg.norm(w, axis=1, keepdims=True)
     return unit

@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.paths import (
     Admissible,
-    Array,
     frozen,
     require_positive,
     sine_basis,
@@ -37,7 +36,7 @@ class Participant:
     """
 
     name: str
-    theta: Array
+    theta: FloatArray
     skill: float
 
     def __post_init__(self) -> None:
@@ -87,8 +86,8 @@ class Hand:
 class Motion:
     """What the arm did, free of measurement: joint positions (M, J) at the times (M,) s, the first 0."""
 
-    time_s: Array
-    positions: Array
+    time_s: FloatArray
+    positions: FloatArray
 
 
 @dataclass(frozen=True)
@@ -136,14 +135,14 @@ class Driver:
 class DriverLog:
     """Joint states as published: stamps (M,) in ns, strictly increasing; names (K,); positions (M, K) in rad."""
 
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     names: tuple[str, ...]
-    positions: Array
+    positions: FloatArray
 
 
 def draw_participants(
     rng: np.random.Generator,
-    theta: Array,
+    theta: FloatArray,
     count: int,
     *,
     spread_rad: float = 0.15,
@@ -182,12 +181,12 @@ def draw_participants(
 
 def demonstrate(
     rng: np.random.Generator,
-    path: Array,
+    path: FloatArray,
     skill: float,
     hand: Hand,
     *,
-    lower: Array,
-    upper: Array,
+    lower: FloatArray,
+    upper: FloatArray,
     admissible: Admissible,
 ) -> Motion:
     """Move the arm along `path` the way a hand does.
@@ -252,18 +251,18 @@ def driver_messages(rng: np.random.Generator, motion: Motion, driver: Driver, st
     return DriverLog(time_ns, driver.joints + driver.fingers, frozen(np.hstack([arm, fingers])))
 
 
-def _turned(rng: np.random.Generator, unit: Array, spread_rad: float) -> Array:
+def _turned(rng: np.random.Generator, unit: FloatArray, spread_rad: float) -> FloatArray:
     """`unit` turned by a normal tangent vector; the weights stay >= 0."""
     while True:
         tangent = spread_rad * rng.standard_normal(unit.size)
         tangent -= (tangent @ unit) * unit
         angle = float(np.linalg.norm(tangent))
-        theta: Array = np.cos(angle) * unit + np.sinc(angle / np.pi) * tangent
+        theta: FloatArray = np.cos(angle) * unit + np.sinc(angle / np.pi) * tangent
         if (theta >= 0).all():
             return theta
 
 
-def _disturbed(rng: np.random.Generator, path: Array, amplitude: float, hand: Hand) -> Motion:
+def _disturbed(rng: np.random.Generator, path: FloatArray, amplitude: float, hand: Hand) -> Motion:
     from scipy.interpolate import CubicSpline
 
     joints = path.shape[1]
@@ -282,29 +281,29 @@ def _disturbed(rng: np.random.Generator, path: Array, amplitude: float, hand: Ha
     return Motion(frozen(time_s), frozen(positions))
 
 
-def _progress(rng: np.random.Generator, samples: int, hand: Hand) -> Array:
+def _progress(rng: np.random.Generator, samples: int, hand: Hand) -> FloatArray:
     """Fraction of the path done (M,), from 0 to 1, never backwards, at rest at both ends."""
     s = np.linspace(0.0, 1.0, samples)
     to_end = np.minimum(s, 1 - s) / hand.ramp
     ramp = 0.5 - 0.5 * np.cos(np.pi * np.minimum(to_end, 1.0))
     speed = ramp * np.exp(hand.speed_variation * (rng.standard_normal(4) @ sine_basis(samples, 4, 1.0)))
     done = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2)])
-    fraction: Array = done / done[-1]
+    fraction: FloatArray = done / done[-1]
     return fraction
 
 
-def _tremor(rng: np.random.Generator, time_s: Array, joints: int, hand: Hand) -> Array:
+def _tremor(rng: np.random.Generator, time_s: FloatArray, joints: int, hand: Hand) -> FloatArray:
     """Tremor (M, J) of unit root mean square, a few tones per joint, that sets in and fades with the motion."""
     tones = 4
     frequency_hz = rng.uniform(*hand.tremor_hz, (tones, joints))
     phase = rng.uniform(0.0, 2 * np.pi, (tones, joints))
     waves = np.sin(2 * np.pi * frequency_hz * time_s[:, None, None] + phase).sum(axis=1)
     # A tone under a half-sine envelope has mean square 1/4, so four of them have one.
-    trembling: Array = np.sin(np.pi * time_s / time_s[-1])[:, None] * waves * np.sqrt(4 / tones)
+    trembling: FloatArray = np.sin(np.pi * time_s / time_s[-1])[:, None] * waves * np.sqrt(4 / tones)
     return trembling
 
 
-def _reported(rng: np.random.Generator, arm: Array, driver: Driver) -> Array:
+def _reported(rng: np.random.Generator, arm: FloatArray, driver: Driver) -> FloatArray:
     """Positions as this recording's encoders count them: with turns, or within one turn."""
     if rng.random() >= driver.wrapped_share:
         return arm

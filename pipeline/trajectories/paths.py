@@ -10,12 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError
 
-Array = NDArray[np.float64]
-Admissible = Callable[[Array], NDArray[np.bool_]]
+Admissible = Callable[[FloatArray], BoolArray]
 """(N, T, J) waypoints to (N,) booleans: what the scene allows."""
 
 
@@ -23,8 +22,8 @@ Admissible = Callable[[Array], NDArray[np.bool_]]
 class Anchor:
     """Where a trajectory starts and ends: two (J,) joint positions, in the same turn of every continuous joint."""
 
-    start: Array
-    goal: Array
+    start: FloatArray
+    goal: FloatArray
 
     def __post_init__(self) -> None:
         for name in ("start", "goal"):
@@ -38,7 +37,7 @@ class Anchor:
             )
 
 
-def straight_path(anchor: Anchor, n_waypoints: int) -> Array:
+def straight_path(anchor: Anchor, n_waypoints: int) -> FloatArray:
     """The straight joint path (T, J) at even speed; first and last row are the anchor's, to the last bit."""
     s = np.linspace(0.0, 1.0, n_waypoints)[:, None]
     line = anchor.start + s * (anchor.goal - anchor.start)
@@ -46,7 +45,7 @@ def straight_path(anchor: Anchor, n_waypoints: int) -> Array:
     return line
 
 
-def sine_basis(n_waypoints: int, modes: int, decay: float) -> Array:
+def sine_basis(n_waypoints: int, modes: int, decay: float) -> FloatArray:
     """Half waves (modes, T), b_k(s) = c k^-decay sin(pi k s), scaled so that sum_k b_k^2 averages to one over s.
 
     Zero at both ends, to the last bit. With decay 1 the sum of squared steps of sum_k z_k b_k is, but for the
@@ -65,11 +64,11 @@ def sine_basis(n_waypoints: int, modes: int, decay: float) -> Array:
     amplitude = k**-decay
     basis = amplitude * np.sin(np.pi * k * np.linspace(0.0, 1.0, n_waypoints))
     basis[:, [0, -1]] = 0.0
-    scaled: Array = basis * np.sqrt(2 / (amplitude**2).sum())
+    scaled: FloatArray = basis * np.sqrt(2 / (amplitude**2).sum())
     return scaled
 
 
-def natural_bump(s: Array, peak: Array) -> Array:
+def natural_bump(s: FloatArray, peak: FloatArray) -> FloatArray:
     """Natural cubic spline (N, T) through (0, 0), (peak, 1), (1, 0) at s (T,), for peaks (N, 1) inside (0, 1).
 
     It is the shape of a beam resting on its ends under a point load at `peak`.
@@ -77,17 +76,17 @@ def natural_bump(s: Array, peak: Array) -> Array:
     left = s <= peak
     near = np.where(left, s, 1 - s)  # distance from the end on this side of the load
     far = np.where(left, 1 - peak, peak)  # distance of the load from the other end
-    bump: Array = near * far * (1 - far**2 - near**2) / (2 * peak**2 * (1 - peak) ** 2)
+    bump: FloatArray = near * far * (1 - far**2 - near**2) / (2 * peak**2 * (1 - peak) ** 2)
     bump[:, [0, -1]] = 0.0
     return bump
 
 
-def within_limits(waypoints: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
+def within_limits(waypoints: FloatArray, lower: FloatArray, upper: FloatArray) -> BoolArray:
     """Whether each trajectory (N, T, J) keeps the joint limits (J,) at every waypoint; (N,)."""
     return np.asarray(((waypoints >= lower) & (waypoints <= upper)).all(axis=(1, 2)))
 
 
-def require_anchor_within(anchor: Anchor, lower: Array, upper: Array) -> None:
+def require_anchor_within(anchor: Anchor, lower: FloatArray, upper: FloatArray) -> None:
     """Raise an ArgumentError unless start and goal keep the joint limits (J,)."""
     for name, value in (("start", anchor.start), ("goal", anchor.goal)):
         outside = np.flatnonzero((value < lower) | (value > upper))
@@ -104,7 +103,7 @@ def require_positive(name: str, value: float) -> None:
         raise ArgumentError(f"{name} is {value}; it must be a finite number > 0.")
 
 
-def frozen(values: Array) -> Array:
+def frozen(values: FloatArray) -> FloatArray:
     """A read-only float64 copy."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)

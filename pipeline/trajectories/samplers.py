@@ -12,11 +12,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.paths import (
     Admissible,
     Anchor,
-    Array,
     frozen,
     natural_bump,
     require_anchor_within,
@@ -50,7 +50,7 @@ class Sampler(Protocol):
     def name(self) -> str:
         """The value of the `sampler` column."""
 
-    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> FloatArray:
         """Draw (count, n_waypoints, J) paths from anchor.start to anchor.goal."""
 
 
@@ -76,14 +76,14 @@ class Deformation:
         require_positive("width_rad", self.width_rad)
         sine_basis(self.modes + 2, self.modes, self.decay)
 
-    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> FloatArray:
         """Draw (count, n_waypoints, J) paths; one standard normal per mode and joint, row by row."""
         basis = self.width_rad * sine_basis(n_waypoints, self.modes, self.decay)
         z = rng.standard_normal((count, self.modes, anchor.start.size))
-        deformation: Array = np.einsum("kt,nkj->ntj", basis, z)
+        deformation: FloatArray = np.einsum("kt,nkj->ntj", basis, z)
         return straight_path(anchor, n_waypoints) + deformation
 
-    def log_proposal(self, waypoints: Array, anchor: Anchor) -> Array:
+    def log_proposal(self, waypoints: FloatArray, anchor: Anchor) -> FloatArray:
         """Log density (N,) of drawing `waypoints` (N, T, J), as a density of the modes' amplitudes (rad).
 
         Not normalised for what rejection removed, a constant for one anchor.
@@ -105,7 +105,7 @@ class Deformation:
             )
         sigma = self.width_rad * scale
         log_q = -0.5 * (amplitude / sigma) ** 2 - np.log(sigma * np.sqrt(2 * np.pi))
-        total: Array = log_q.sum(axis=(1, 2))
+        total: FloatArray = log_q.sum(axis=(1, 2))
         return total
 
 
@@ -130,7 +130,7 @@ class ViaPoint:
         if not 0 < self.when[0] <= self.when[1] < 1:
             raise ArgumentError(f"when is {self.when}; it must be two increasing fractions between 0 and 1.")
 
-    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> FloatArray:
         """Draw (count, n_waypoints, J) paths; J + 1 uniforms per path, row by row."""
         u = rng.random((count, 1 + anchor.start.size))
         peak = self.when[0] + (self.when[1] - self.when[0]) * u[:, :1]
@@ -151,7 +151,7 @@ class Planner:
         deformation: what is added to them.
     """
 
-    paths: Array
+    paths: FloatArray
     deformation: Deformation = Deformation(0.1)
     name: str = "planner"
 
@@ -161,7 +161,7 @@ class Planner:
         if paths.ndim != 3 or 0 in paths.shape or not np.isfinite(paths).all():
             raise ArgumentError(f"paths has shape {paths.shape}; it must be a finite (P, T, J) array, P >= 1.")
 
-    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> FloatArray:
         """Draw (count, n_waypoints, J) paths; `n_waypoints` must be that of the planned paths."""
         if self.paths.shape[1:] != (n_waypoints, anchor.start.size):
             raise ArgumentError(
@@ -196,7 +196,7 @@ class Mixture:
         for weight in self.weights:
             require_positive("weights", weight)
 
-    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Array:
+    def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> FloatArray:
         """Draw (count, n_waypoints, J) paths."""
         return propose(self, rng, anchor, count, n_waypoints)[0]
 
@@ -233,7 +233,7 @@ class Draw:
         tallies: one for each of these names, in alphabetical order.
     """
 
-    waypoints: Array
+    waypoints: FloatArray
     sampler: tuple[str, ...]
     tallies: tuple[Tally, ...]
 
@@ -250,8 +250,8 @@ def draw_admissible(
     count: int,
     n_waypoints: int,
     *,
-    lower: Array,
-    upper: Array,
+    lower: FloatArray,
+    upper: FloatArray,
     admissible: Admissible,
     least_acceptance: float = 1e-3,
 ) -> Draw:
@@ -277,7 +277,7 @@ def draw_admissible(
     if count < 1 or n_waypoints < 2:
         raise ArgumentError(f"count is {count} and n_waypoints {n_waypoints}; allowed are >= 1 and >= 2.")
     require_anchor_within(anchor, lower, upper)
-    rounds: list[tuple[Array, NDArray[np.object_]]] = []
+    rounds: list[tuple[FloatArray, NDArray[np.object_]]] = []
     fates: Counter[tuple[str, int]] = Counter()
     missing = count
     while missing:
@@ -309,10 +309,10 @@ def _judged(
     anchor: Anchor,
     count: int,
     n_waypoints: int,
-    lower: Array,
-    upper: Array,
+    lower: FloatArray,
+    upper: FloatArray,
     admissible: Admissible,
-) -> tuple[Array, NDArray[np.int64], NDArray[np.object_]]:
+) -> tuple[FloatArray, IntArray, NDArray[np.object_]]:
     """Proposals (count, T, J), the fate of each (count,) and who drew it (count,)."""
     paths, drawn_by = propose(sampler, rng, anchor, count, n_waypoints)
     inside = within_limits(paths, lower, upper)
@@ -324,7 +324,7 @@ def _judged(
 
 def propose(
     sampler: Sampler, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int
-) -> tuple[Array, NDArray[np.object_]]:
+) -> tuple[FloatArray, NDArray[np.object_]]:
     """Draw raw paths (count, T, J) and the name (count,) of the sampler, or of the mixture's part, behind each."""
     if not isinstance(sampler, Mixture):
         return sampler.sample(rng, anchor, count, n_waypoints), np.full(count, sampler.name, dtype=object)

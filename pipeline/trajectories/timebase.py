@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError, RecordingError
 
 TURN = 2 * np.pi
 
 
-def unwrap(q: ArrayLike, continuous: ArrayLike) -> NDArray[np.float64]:
+def unwrap(q: ArrayLike, continuous: ArrayLike) -> FloatArray:
     """Remove the jumps of whole turns of continuous joints: consecutive values end up at most half a turn apart.
 
     Args:
@@ -30,7 +31,7 @@ def unwrap(q: ArrayLike, continuous: ArrayLike) -> NDArray[np.float64]:
     return poses
 
 
-def to_branch(q: ArrayLike, reference: ArrayLike, continuous: ArrayLike) -> NDArray[np.float64]:
+def to_branch(q: ArrayLike, reference: ArrayLike, continuous: ArrayLike) -> FloatArray:
     """Shift a whole trajectory by full turns, per continuous joint, so that it starts nearest to `reference`.
 
     Args:
@@ -89,7 +90,7 @@ def trim_idle(time_s: ArrayLike, q: ArrayLike, threshold_rad: float = 0.01) -> s
     return slice(int(left[0]) - 1, int(coming[-1]) + 2)
 
 
-def resample(time_s: ArrayLike, q: ArrayLike, waypoint_count: int) -> NDArray[np.float64]:
+def resample(time_s: ArrayLike, q: ArrayLike, waypoint_count: int) -> FloatArray:
     """Interpolate linearly at times spread evenly from the first pose to the last; both come out exactly.
 
     Args:
@@ -120,7 +121,7 @@ def demonstration_waypoints(
     reference: ArrayLike,
     waypoint_count: int,
     idle_threshold_rad: float = 0.01,
-) -> tuple[NDArray[np.float64], float, float]:
+) -> tuple[FloatArray, float, float]:
     """Turn recorded poses into a demonstration: unwrap, trim the rest, start on the branch of `reference`, resample.
 
     Joint limits are not looked at: a recording may exceed them by its sensors' noise.
@@ -147,7 +148,7 @@ def demonstration_waypoints(
     return resample(times, poses, waypoint_count), float(times[0]), float(times[-1] - times[0])
 
 
-def _poses(q: ArrayLike) -> NDArray[np.float64]:
+def _poses(q: ArrayLike) -> FloatArray:
     poses = np.array(q, np.float64)
     if poses.ndim != 2 or len(poses) < 2 or poses.shape[1] < 1:
         raise ArgumentError(f"q must be two or more poses (M, J) of one or more joints, got shape {poses.shape}.")
@@ -156,7 +157,7 @@ def _poses(q: ArrayLike) -> NDArray[np.float64]:
     return poses
 
 
-def _times(time_s: ArrayLike, count: int) -> NDArray[np.float64]:
+def _times(time_s: ArrayLike, count: int) -> FloatArray:
     times = np.asarray(time_s, np.float64)
     if times.shape != (count,):
         raise ArgumentError(f"time_s must have one value per pose, shape {(count,)}, got {times.shape}.")
@@ -165,7 +166,7 @@ def _times(time_s: ArrayLike, count: int) -> NDArray[np.float64]:
     return times
 
 
-def _continuous(continuous: ArrayLike, count: int) -> NDArray[np.bool_]:
+def _continuous(continuous: ArrayLike, count: int) -> BoolArray:
     free = np.asarray(continuous)
     if free.shape != (count,) or free.dtype != np.bool_:
         raise ArgumentError(f"continuous must be {count} booleans, one per joint, got {continuous!r}.")

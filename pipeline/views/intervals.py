@@ -11,8 +11,7 @@ from pipeline.choice import HeldOutScore, compare_held_out
 from pipeline.errors import ArgumentError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from pipeline.arrays import FloatArray
 
 LEVEL = 0.95
 
@@ -106,7 +105,7 @@ def differences(held_out: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def near_or_far(thetas: NDArray[np.float64], objects: tuple[str, str] = ("A", "B")) -> list[tuple[str, ...]]:
+def near_or_far(thetas: FloatArray, objects: tuple[str, str] = ("A", "B")) -> list[tuple[str, ...]]:
     """What rewards of the grid world ask for: a weight on the mean distance to an object is a wish to stay far from it.
 
     >>> import numpy as np

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from pipeline.arrays import ByteArray
 
 RGB = tuple[int, int, int]
 
@@ -72,7 +72,7 @@ def model_name(name: str) -> str:
     return MODEL_NAMES.get(name, name)
 
 
-def sequential(values: Any, low: float, high: float) -> NDArray[np.uint8]:
+def sequential(values: Any, low: float, high: float) -> ByteArray:
     """Colours of values on the sequential scale.
 
     Args:
@@ -85,15 +85,15 @@ def sequential(values: Any, low: float, high: float) -> NDArray[np.uint8]:
     return _along(SEQUENTIAL, values, low, high)
 
 
-def path_colors(values: Any, low: float, high: float) -> NDArray[np.uint8]:
+def path_colors(values: Any, low: float, high: float) -> ByteArray:
     """Colours of paths by LESS weight, arguments as in `sequential`."""
     return _along(PATHS, values, low, high)
 
 
-def _along(scale: tuple[RGB, ...], values: Any, low: float, high: float) -> NDArray[np.uint8]:
+def _along(scale: tuple[RGB, ...], values: Any, low: float, high: float) -> ByteArray:
     values = np.asarray(values, dtype=np.float64)
     share = np.clip((values - low) / (high - low), 0.0, 1.0) if high > low else np.full(values.shape, 0.5)
     stops = np.linspace(0.0, 1.0, len(scale))
     channels = [np.interp(share, stops, channel) for channel in np.array(scale, dtype=np.float64).T]
-    colors: NDArray[np.uint8] = np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+    colors: ByteArray = np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
     return colors

@@ -13,9 +13,7 @@ from pipeline.errors import ArgumentError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from pipeline.arrays import FloatArray, IntArray
 
 _BLOCK_ELEMENTS = 4_000_000
 _FRACTIONS = {Fraction(1, 2): "½", Fraction(1, 4): "¼", Fraction(3, 4): "¾", Fraction(1, 3): "⅓"}
@@ -36,10 +34,10 @@ class DensityCurve:
 
     feature: str
     unit: str
-    grid: Floats
-    raw: Floats
-    adjusted: Floats
-    demonstrations: Floats
+    grid: FloatArray
+    raw: FloatArray
+    adjusted: FloatArray
+    demonstrations: FloatArray
 
 
 @dataclass(frozen=True)
@@ -57,13 +55,13 @@ class DensityMap:
 
     features: tuple[str, str]
     units: tuple[str, str]
-    x: Floats
-    y: Floats
-    density: Floats
-    demonstrations: Floats
+    x: FloatArray
+    y: FloatArray
+    density: FloatArray
+    demonstrations: FloatArray
 
 
-def feature_grid(alternatives: Floats, demonstrations: Floats, bandwidth: float, size: int) -> Floats:
+def feature_grid(alternatives: FloatArray, demonstrations: FloatArray, bandwidth: float, size: int) -> FloatArray:
     """Evenly spaced values that cover one feature's alternatives and demonstrations, with two bandwidths to spare.
 
     Args:
@@ -79,7 +77,9 @@ def feature_grid(alternatives: Floats, demonstrations: Floats, bandwidth: float,
     return np.linspace(both.min() - 2 * bandwidth, both.max() + 2 * bandwidth, size)
 
 
-def density_1d(values: Floats, grid: Floats, bandwidth: float, log_weights: Floats | None = None) -> Floats:
+def density_1d(
+    values: FloatArray, grid: FloatArray, bandwidth: float, log_weights: FloatArray | None = None
+) -> FloatArray:
     """Kernel density of weighted values along one feature.
 
     f(x) = sum_i w_i N(x; v_i, sigma^2) with w_i = exp(log_w_i) / sum_j exp(log_w_j). With LESS's log weights this is
@@ -113,10 +113,10 @@ def density_1d(values: Floats, grid: Floats, bandwidth: float, log_weights: Floa
 def density_curve(
     feature: str,
     unit: str,
-    alternatives: Floats,
-    demonstrations: Floats,
+    alternatives: FloatArray,
+    demonstrations: FloatArray,
     bandwidth: float,
-    less_log_weights: Floats,
+    less_log_weights: FloatArray,
     size: int = 200,
 ) -> DensityCurve:
     """Both densities of one feature; arguments as in `feature_grid` and `density_1d`."""
@@ -134,9 +134,9 @@ def density_curve(
 def density_map(
     features: tuple[str, str],
     units: tuple[str, str],
-    alternatives: Floats,
-    demonstrations: Floats,
-    bandwidths: Floats,
+    alternatives: FloatArray,
+    demonstrations: FloatArray,
+    bandwidths: FloatArray,
     size: tuple[int, int] = (120, 90),
 ) -> DensityMap:
     """Kernel density of the alternatives over two features.
@@ -165,7 +165,7 @@ def density_map(
     return DensityMap(features, units, axes[0], axes[1], density / len(alternatives), demonstrations)
 
 
-def theta_labels(thetas: Floats, names: Sequence[str]) -> tuple[str, ...]:
+def theta_labels(thetas: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
     """Each hypothesis in words: its weights relative to its largest, zeros left out.
 
     Weights that are all costs (none positive) are written without their sign, see `theta_meaning`.
@@ -193,7 +193,7 @@ def theta_labels(thetas: Floats, names: Sequence[str]) -> tuple[str, ...]:
     return tuple(" ".join(f"{n} {w:.6g}" for n, w in zip(names, row, strict=True)) for row in signed)
 
 
-def theta_meaning(thetas: Floats) -> str:
+def theta_meaning(thetas: FloatArray) -> str:
     """What the numbers in `theta_labels` are."""
     if (np.asarray(thetas) <= 0).all():
         return "cost weights, relative to the largest"
@@ -201,8 +201,8 @@ def theta_meaning(thetas: Floats) -> str:
 
 
 def replay_samples(
-    demonstrations: Floats, durations_s: Floats, steps: int = 5, pause_s: float = 0.5
-) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    demonstrations: FloatArray, durations_s: FloatArray, steps: int = 5, pause_s: float = 0.5
+) -> tuple[FloatArray, FloatArray, IntArray]:
     """Demonstrations one after another on one time line, each at its recorded speed, moving evenly between waypoints.
 
     Args:
@@ -231,7 +231,7 @@ def replay_samples(
     return configurations.reshape(-1, n_joints), times_s.ravel(), np.repeat(np.arange(n), at.size)
 
 
-def _words(row: Floats, names: Sequence[str]) -> str:
+def _words(row: FloatArray, names: Sequence[str]) -> str:
     terms = ""
     for weight, name in zip(row, names, strict=True):
         if weight != 0:
@@ -250,21 +250,21 @@ def _amount(weight: float) -> str:
     return f"{weight:.2g} "
 
 
-def _kernel(grid: Floats, values: Floats, bandwidth: float) -> Floats:
+def _kernel(grid: FloatArray, values: FloatArray, bandwidth: float) -> FloatArray:
     _check_bandwidth(bandwidth)
     z = (grid[:, None] - values) / bandwidth
-    kernel: Floats = np.exp(-0.5 * z * z) / (bandwidth * np.sqrt(2 * np.pi))
+    kernel: FloatArray = np.exp(-0.5 * z * z) / (bandwidth * np.sqrt(2 * np.pi))
     return kernel
 
 
-def _weights(log_weights: Floats | None, size: int) -> Floats:
+def _weights(log_weights: FloatArray | None, size: int) -> FloatArray:
     if log_weights is None:
         return np.full(size, 1.0 / size)
     log_weights = np.asarray(log_weights, dtype=np.float64)
     if log_weights.shape != (size,):
         raise ArgumentError(f"log_weights must be ({size},), one per value; got shape {log_weights.shape}.")
     weights = np.exp(log_weights - log_weights.max())
-    normalised: Floats = weights / weights.sum()
+    normalised: FloatArray = weights / weights.sum()
     return normalised
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.choice import Posterior, posterior_from
 from pipeline.formats.parquet.foreign_keys import check_references
 from pipeline.formats.parquet.tables import part_rows, read_part, read_table
@@ -23,7 +23,6 @@ from pipeline.views.task_summary import (
 )
 from pipeline.workspace.project import WORKING, Project
 
-Floats = NDArray[np.float64]
 ALTERNATIVE = ["alternative_id", "anchor", "sampler", "set_size", "set_id"]
 
 
@@ -51,12 +50,12 @@ class TaskView:
 
     demonstrations: pl.DataFrame
     alternatives: pl.DataFrame
-    phi: Floats
-    demonstration_phi: Floats
+    phi: FloatArray
+    demonstration_phi: FloatArray
     features: tuple[str, ...]
     units: tuple[str, ...]
     by_weight: tuple[int, ...]
-    log_weights: Floats
+    log_weights: FloatArray
     independent: pl.DataFrame
     bandwidth: float
     curves: tuple[DensityCurve, ...]
@@ -131,7 +130,7 @@ def read_columns(path: Path, name: str, columns: Sequence[str]) -> pl.DataFrame:
     return pl.concat([read_part(path, name, number, columns) for number in range(len(part_rows(path, name)))])
 
 
-def read_waypoints(path: Path, ids: pl.Series) -> Floats:
+def read_waypoints(path: Path, ids: pl.Series) -> FloatArray:
     """(A, T, J) waypoints of some of the alternatives of a table, which is read part by part."""
     columns = ["alternative_id", "waypoints"]
     found = pl.concat(
@@ -151,7 +150,7 @@ def _anchored_alike(alternatives: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFr
     return mine.filter(working), mine.filter(~working)
 
 
-def _features_of(ids: pl.Series, features: pl.DataFrame, names: list[str]) -> Floats:
+def _features_of(ids: pl.Series, features: pl.DataFrame, names: list[str]) -> FloatArray:
     """(n, F) raw values, in the order of the ids."""
     return ids.to_frame("id").join(features, on="id", maintain_order="left").select(names).to_numpy()
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import studentized_range, ttest_rel
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 from pipeline.studies.statistics import repeated_logistic, repeated_measures_anova, tukey_hsd
 from tests.oracles.slow_statistics import logit_factorial, two_way_f
 
 
-def long(y: NDArray[np.float64], seed: int = 0) -> pl.DataFrame:
+def long(y: FloatArray, seed: int = 0) -> pl.DataFrame:
     """y (subjects, a, b) as a table with its rows in random order."""
     n, na, nb = y.shape
     s, a, b = (index.ravel() for index in np.indices((n, na, nb)))
@@ -21,7 +21,7 @@ def long(y: NDArray[np.float64], seed: int = 0) -> pl.DataFrame:
     return table.sample(fraction=1.0, shuffle=True, seed=seed)
 
 
-def measurements(n: int, na: int, nb: int, seed: int) -> NDArray[np.float64]:
+def measurements(n: int, na: int, nb: int, seed: int) -> FloatArray:
     rng = np.random.default_rng(seed)
     effect = rng.normal(size=(1, na, nb))
     return rng.normal(size=(n, 1, 1)) + 0.4 * effect + rng.normal(size=(n, na, nb))

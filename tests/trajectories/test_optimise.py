@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.optimise import Optimised, Search, optimise_paths, random_weights
-from pipeline.trajectories.paths import Array, sine_basis, straight_path
+from pipeline.trajectories.paths import sine_basis, straight_path
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Anchor
 
@@ -14,13 +15,13 @@ TARGET = np.array([1.6, 0.2, 0.5])  # where the middle waypoint would like to be
 WEIGHTS = np.array([[1.0, 0.0], [1.0, 1.0], [0.2, 1.0]])
 
 
-def costs(waypoints: Array) -> Array:
+def costs(waypoints: FloatArray) -> FloatArray:
     """Squared steps, and the squared distance of the middle waypoint from TARGET."""
     steps = (np.diff(waypoints, axis=1) ** 2).sum(axis=(1, 2))
     return np.stack([steps, ((waypoints[:, T // 2] - TARGET) ** 2).sum(axis=1)], axis=1)
 
 
-def anything(waypoints: Array) -> Array:
+def anything(waypoints: FloatArray) -> FloatArray:
     return np.full(len(waypoints), True)
 
 
@@ -35,7 +36,7 @@ def optimise(rows: list[int], **options: object) -> Optimised:
     )  # fmt: skip
 
 
-def closed_form(weights: Array, modes: int) -> float:
+def closed_form(weights: FloatArray, modes: int) -> float:
     """Least cost over paths of `modes` half waves: a linear least squares problem, the same for each joint."""
     basis, line = sine_basis(T, modes, 1.0), straight_path(ANCHOR, T)
     design = np.vstack([np.sqrt(weights[0]) * np.diff(basis, axis=1).T, np.sqrt(weights[1]) * basis[:, [T // 2]].T])

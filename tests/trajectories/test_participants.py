@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.participants import (
     Driver,
@@ -14,7 +15,6 @@ from pipeline.trajectories.participants import (
     draw_participants,
     driver_messages,
 )
-from pipeline.trajectories.paths import Array
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Anchor, Deformation
 from pipeline.trajectories.timebase import demonstration_waypoints
@@ -26,7 +26,7 @@ DRIVER = Driver(("j1", "j2", "j3"), (True, False, True), fingers=("f1", "f2"))
 START_NS = 1_700_000_000_000_000_000
 
 
-def anything(waypoints: Array) -> Array:
+def anything(waypoints: FloatArray) -> FloatArray:
     return np.full(len(waypoints), True)
 
 
@@ -102,14 +102,14 @@ def test_disturbances_have_the_stated_size() -> None:
     still = np.zeros((41, 3))
     quiet = Hand(duration_s=(8, 8), drift_rad=0, misplacement_rad=0, tremor_rad=0)
 
-    def disturbed(hand: Hand, skill: float = 0.5) -> Array:
+    def disturbed(hand: Hand, skill: float = 0.5) -> FloatArray:
         motions = [
             demonstrate(child_rng(6, i), still, skill, hand, lower=-FREE, upper=FREE, admissible=anything)
             for i in range(200)
         ]
         return np.array([m.positions for m in motions])
 
-    def rms(values: Array) -> float:
+    def rms(values: FloatArray) -> float:
         return float(np.sqrt((values**2).mean()))
 
     # 600 independent curves; a curve's mean square has a relative standard deviation below sqrt(2)
@@ -130,7 +130,7 @@ def test_a_motion_keeps_to_limits_and_scene_or_is_given_up() -> None:
     lower, upper = PATH.min(axis=0) - 0.03, PATH.max(axis=0) + 0.03
     seen = []
 
-    def admissible(waypoints: Array) -> Array:
+    def admissible(waypoints: FloatArray) -> FloatArray:
         seen.append(waypoints)
         return waypoints[:, :, 1].max(axis=1) < PATH[:, 1].max() + 0.02
 

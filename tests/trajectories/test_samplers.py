@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError, StageError
-from pipeline.trajectories.paths import Array, sine_basis, straight_path
+from pipeline.trajectories.paths import sine_basis, straight_path
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import (
     Anchor,
@@ -24,7 +25,7 @@ SAMPLERS = (*MIXED.samplers, MIXED)
 LOWER, UPPER = np.full(3, -1.2), np.full(3, 2.2)
 
 
-def above_ground(waypoints: Array) -> Array:
+def above_ground(waypoints: FloatArray) -> FloatArray:
     """A planar arm with links of 0.5, 0.4 and 0.2 m on a wall at x = 0: its hand stays at y > 0.5 m."""
     angles = np.cumsum(waypoints, axis=-1)
     return (np.array([0.5, 0.4, 0.2]) * np.sin(angles)).sum(axis=-1).min(axis=1) > 0.5

@@ -6,8 +6,9 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import IndexArray
 from pipeline.choice.kernel.pairwise_likelihood import PairScore
 from pipeline.choice.kernel.subsampled_likelihood import LIMIT, Reference, SampledScore, Whole
 from pipeline.choice.kernel.unique_rows import DistinctRows, distinct_rows
@@ -123,7 +124,7 @@ def sampled_bandwidth(rows: Reference) -> Bandwidth:
     )  # fmt: skip
 
 
-def _labels(count: int, method: str) -> NDArray[np.intp]:
+def _labels(count: int, method: str) -> IndexArray:
     """(G,) for each distinct row; rows with the same label do not score each other."""
     rows = np.arange(count)
     return rows if method == "leave-one-out" else rows % min(FOLDS, count)

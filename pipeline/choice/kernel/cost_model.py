@@ -12,13 +12,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.kernel.domain_split import MOST, Slab, cut
 from pipeline.choice.kernel.fourier import DIMENSIONS, Grid
 from pipeline.choice.kernel.pairwise import LEAF, POINTS, cut_off
-from pipeline.choice.validation import FloatArray
 from pipeline.errors import ArgumentError
 
 ENGINES = ("exact", "neighbours", "spectral")
@@ -142,7 +141,7 @@ def pair_seconds(pairs: float) -> float:
     return pairs * _PAIR
 
 
-def pass_seconds(points: NDArray[np.intp], pairs: float) -> float:
+def pass_seconds(points: IndexArray, pairs: float) -> float:
     """One pass over so many rows near each point, for several bandwidths with so many points each."""
     return float(points.max() * (_POINT + pairs * _KERNEL) + points.sum() * pairs * _SQUARE)
 

@@ -8,13 +8,14 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.kernel import cost_model
 from pipeline.choice.kernel.cost_model import ENGINES, EngineChoice
 from pipeline.choice.kernel.domain_split import sums_in_slabs
 from pipeline.choice.kernel.fourier import DIMENSIONS
 from pipeline.choice.kernel.pairwise import Neighbours, log_sums_at, log_sums_within
 from pipeline.choice.kernel.unique_rows import DistinctRows, distinct_rows
-from pipeline.choice.validation import FloatArray, matrix, positive
+from pipeline.choice.validation import matrix, positive
 from pipeline.errors import ArgumentError, one_of
 
 Engine: TypeAlias = Callable[[DistinctRows, float, FloatArray | None], FloatArray]

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.choice.kernel.fourier import Grid, Sketch
 from pipeline.choice.kernel.pairwise import NEGLIGIBLE, cut_off
-from pipeline.choice.validation import FloatArray
 
 MOST = 64  # slabs; thinner ones are mostly halo
 
@@ -36,11 +35,11 @@ class Slab:
     upper: float
     halo: float
 
-    def own(self, points: FloatArray) -> NDArray[np.bool_]:
+    def own(self, points: FloatArray) -> BoolArray:
         """(M,) which points lie in the slab."""
         return np.asarray((points[:, self.axis] >= self.lower) & (points[:, self.axis] < self.upper))
 
-    def around(self, rows: FloatArray) -> NDArray[np.bool_]:
+    def around(self, rows: FloatArray) -> BoolArray:
         """(N,) which rows its sketch holds."""
         along = rows[:, self.axis]
         return np.asarray((along >= self.lower - self.halo) & (along <= self.upper + self.halo))

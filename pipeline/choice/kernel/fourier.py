@@ -30,11 +30,12 @@ from typing import TypeVar
 
 import finufft
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import next_fast_len
 from scipy.special import erfc, erfcinv
 
-from pipeline.choice.validation import FloatArray, matrix, positive
+from pipeline.arrays import BoolArray, ComplexArray, FloatArray
+from pipeline.choice.validation import matrix, positive
 from pipeline.errors import ArgumentError
 
 DIMENSIONS = 3
@@ -122,7 +123,7 @@ class Grid:
         modes = tuple(min(mode, math.ceil(cut * length)) for mode, length in zip(self.modes, self.length, strict=True))
         return Grid(self.lower, self.upper, self.length, modes, self.eps)
 
-    def inside(self, points: FloatArray) -> NDArray[np.bool_]:
+    def inside(self, points: FloatArray) -> BoolArray:
         """(M,) which points lie in the box."""
         return np.asarray(np.all((points >= self.lower) & (points <= self.upper), axis=1))
 
@@ -141,7 +142,7 @@ class Grid:
             for k, (low, high, length) in enumerate(zip(self.lower, self.upper, self.length, strict=True))
         ]
 
-    def shift(self, points: FloatArray) -> NDArray[np.complex128]:
+    def shift(self, points: FloatArray) -> ComplexArray:
         """(M,) phase of the first dimension's middle frequency, which FINUFFT takes for zero."""
         return np.asarray(np.exp(1j * (self.shape[0] // 2) * self.phases(points)[0]))
 
@@ -197,7 +198,7 @@ class Sketch:
     """
 
     grid: Grid
-    coefficients: NDArray[np.complex128]
+    coefficients: ComplexArray
     total: float
 
     def __post_init__(self) -> None:
@@ -219,7 +220,7 @@ class Sketch:
         total = len(rows) if counts is None else float(np.sum(strengths))
         shape = grid.shape if len(grid.shape) > 1 else grid.shape[0]
 
-        def transform(part: slice) -> NDArray[np.complex128]:
+        def transform(part: slice) -> ComplexArray:
             some = rows[part]
             coefficients = _FORWARD[len(grid.modes)](
                 *grid.phases(some), strengths[part] * grid.shift(some), shape,

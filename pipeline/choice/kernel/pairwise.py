@@ -8,12 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
+from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray
 
 # A tile of 256 x 256 kernel values (0.5 MB) stays in the cache.
 _TILE = 256
@@ -101,7 +100,7 @@ class Neighbours:
 
     def __init__(self, rows: FloatArray, counts: FloatArray) -> None:
         self._tree = cKDTree(rows, leafsize=LEAF)
-        self._order: NDArray[np.intp] = np.asarray(self._tree.indices)
+        self._order: IndexArray = np.asarray(self._tree.indices)
         self._rows, self._counts = rows[self._order], counts[self._order]
         self._total = float(counts.sum())
         self._starts = np.array([*_leaf_starts(self._tree.tree), len(rows)])
@@ -208,9 +207,7 @@ class Neighbours:
                 yield slice(self._starts[part[0]], self._starts[part[-1] + 1])
 
 
-def _near(
-    lower: FloatArray, upper: FloatArray, lowers: FloatArray, uppers: FloatArray, reach: float
-) -> NDArray[np.bool_]:
+def _near(lower: FloatArray, upper: FloatArray, lowers: FloatArray, uppers: FloatArray, reach: float) -> BoolArray:
     """(T,) which boxes lie within `reach`, a squared distance, of a box."""
     gaps = np.maximum(0.0, np.maximum(lower - uppers, lowers - upper))
     # a hair more, as the distances of boxes are rounded

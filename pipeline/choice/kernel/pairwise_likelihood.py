@@ -6,11 +6,10 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.kernel.unique_rows import DistinctRows
-from pipeline.choice.validation import FloatArray
 from pipeline.errors import BandwidthError
 
 # The excess of a pair that is left out. Finite, because its kernel is 0 and 0 * inf is NaN; exp() of it is 0 for
@@ -38,7 +37,7 @@ class PairScore:
         BandwidthError: the rows are so close that their squared distances vanish.
     """
 
-    def __init__(self, groups: DistinctRows, labels: NDArray[np.intp] | None, dimensions: int) -> None:
+    def __init__(self, groups: DistinctRows, labels: IndexArray | None, dimensions: int) -> None:
         self._rows, self._counts, self._labels = groups.rows, groups.counts, labels
         self._dimensions = dimensions
         self._nearest = np.empty(len(groups.rows))

@@ -9,14 +9,14 @@ from typing import Protocol
 
 import numpy as np
 from numpy.random import PCG64, Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.choice.kernel import cost_model
 from pipeline.choice.kernel.fourier import DIMENSIONS, Grid, Sketch
 from pipeline.choice.kernel.pairwise import LEAF, Neighbours, cut_off
 from pipeline.choice.kernel.pairwise_likelihood import PairScore
 from pipeline.choice.kernel.unique_rows import DistinctRows
-from pipeline.choice.validation import FloatArray
 from pipeline.errors import BandwidthError
 
 LIMIT = 5000  # up to so many distinct rows, all are scored
@@ -66,7 +66,7 @@ class Drawn:
     first: FloatArray
     first_counts: FloatArray
     rows: FloatArray
-    often: NDArray[np.intp]
+    often: IndexArray
     own: FloatArray
     nearest: FloatArray
 
@@ -123,14 +123,14 @@ class Whole:
         return Sketch.of(self._groups.rows, grid, self._groups.counts)
 
 
-def drawn_positions(total: int) -> NDArray[np.intp]:
+def drawn_positions(total: int) -> IndexArray:
     """Which rows of a set that is not in memory are drawn, in order: 50,000 of all (or all), from PCG64(0)."""
     if total <= _DRAWN:
         return np.arange(total)
     return np.sort(Generator(PCG64(_SEED)).choice(total, _DRAWN, replace=False, shuffle=False))
 
 
-def first_of(count: int) -> NDArray[np.intp]:
+def first_of(count: int) -> IndexArray:
     """Which of so many distinct rows that were drawn say where to start."""
     return np.sort(Generator(PCG64(_SEED)).permutation(count)[:_FIRST])
 
@@ -282,7 +282,7 @@ class SampledScore:
         lower, upper = self._set.lower.tolist(), self._set.upper.tolist()
         return Grid.covering(lower, upper, narrowest, widest, self._total, SCORE_ERROR)
 
-    def _neighbours_seconds(self, sigmas: FloatArray, points: NDArray[np.intp]) -> float:
+    def _neighbours_seconds(self, sigmas: FloatArray, points: IndexArray) -> float:
         """All of the descending `sigmas` in one pass, which compares as many pairs as the widest needs."""
         if not len(sigmas):
             return 0.0
@@ -309,13 +309,13 @@ class SampledScore:
         spread = float(deviations @ deviations) / (len(others) - 1)
         return math.sqrt(drawn + share**2 * spread / len(others) * max(1 - 1 / stands_for, 0.0))
 
-    def _scores(self, log_sigmas: ArrayLike, some: NDArray[np.intp] | slice = slice(None)) -> FloatArray:
+    def _scores(self, log_sigmas: ArrayLike, some: IndexArray | slice = slice(None)) -> FloatArray:
         """(K, S) log likelihood of each distinct row that is scored, for descending bandwidths."""
         norms = self._dimensions * (np.asarray(log_sigmas)[:, None] + 0.5 * math.log(2 * math.pi))
         log_sums = self._log_sums(np.exp(log_sigmas), some)
         return np.asarray(log_sums - np.log(self._total - self._own[some]) - norms)
 
-    def _log_sums(self, sigmas: FloatArray, some: NDArray[np.intp] | slice) -> FloatArray:
+    def _log_sums(self, sigmas: FloatArray, some: IndexArray | slice) -> FloatArray:
         """(K, S) log kernel sums over the other rows."""
         points, own = self._points[some], self._own[some]
         log_sums = np.empty((len(sigmas), len(points)))
@@ -329,9 +329,7 @@ class SampledScore:
                 log_sums[:wide, wrong] = others
         return log_sums
 
-    def _by_sketch(
-        self, sigmas: FloatArray, points: FloatArray, own: FloatArray
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def _by_sketch(self, sigmas: FloatArray, points: FloatArray, own: FloatArray) -> tuple[FloatArray, BoolArray]:
         """(K, S) log sums and (S,) whether any of them is not good enough."""
         sketch = self._sketch
         assert sketch is not None

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.choice.validation import FloatArray
+from pipeline.arrays import FloatArray, IndexArray
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,7 @@ class DistinctRows:
 
     rows: FloatArray
     counts: FloatArray
-    index: NDArray[np.intp]
+    index: IndexArray
 
 
 def distinct_rows(rows: FloatArray) -> DistinctRows:
@@ -36,7 +35,7 @@ def distinct_rows(rows: FloatArray) -> DistinctRows:
     return DistinctRows(ordered[starts], np.bincount(index).astype(np.float64), index)
 
 
-def _lexicographic(rows: FloatArray) -> NDArray[np.intp]:
+def _lexicographic(rows: FloatArray) -> IndexArray:
     """(N,) the lexicographic order: by the first column, which most often tells all rows apart, then of its ties."""
     order = np.argsort(np.ascontiguousarray(rows[:, 0]))
     first = rows[order, 0]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError
 from pipeline.formats.ferl.python2_pickle import Array, Trajectory, load
 from pipeline.formats.mcap.rejection_reasons import rejection
@@ -26,8 +26,8 @@ _START_NS = 1_000_000_000  # not 0, which in a ROS header means no time
 class _Poses:
     """One demonstration: positions (T, J) in rad, and its own times (T,) in s if it has any."""
 
-    positions: NDArray[np.float64]
-    time_s: NDArray[np.float64] | None = None
+    positions: FloatArray
+    time_s: FloatArray | None = None
 
 
 def import_ferl(file: Path, folder: Path, joints: Sequence[str], topic: str, rate_hz: float) -> list[Path]:
@@ -130,13 +130,13 @@ def _axes(items: list[object]) -> set[int]:
     return {item.values.ndim if isinstance(item, Array) and item.values is not None else 0 for item in items}
 
 
-def _values(item: object) -> NDArray[np.float64]:
+def _values(item: object) -> FloatArray:
     if not isinstance(item, Array) or item.values is None:
         raise rejection("corrupt", "The pickle lacks an array of joint positions, or its content.")
     return item.values
 
 
-def _stacked(poses: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _stacked(poses: list[FloatArray]) -> FloatArray:
     lengths = {len(pose) for pose in poses}
     if len(lengths) > 1:
         raise rejection("corrupt", f"The pickle has poses of {min(lengths)} and of {max(lengths)} joints in one list.")
@@ -163,12 +163,12 @@ def _check(poses: _Poses, joints: Sequence[str]) -> None:
         raise rejection("time-not-increasing", "The trajectory's times do not increase from each pose to the next.")
 
 
-def _times(poses: _Poses, rate_hz: float) -> tuple[NDArray[np.int64], str]:
+def _times(poses: _Poses, rate_hz: float) -> tuple[IntArray, str]:
     if poses.time_s is None:
         time_s = np.arange(len(poses.positions)) / rate_hz
         return _nanoseconds(time_s), f"nominal {rate_hz:g} Hz; the source has no time stamps"
     return _nanoseconds(poses.time_s - poses.time_s[0]), "as recorded, from the first pose; the source has no date"
 
 
-def _nanoseconds(time_s: NDArray[np.float64]) -> NDArray[np.int64]:
+def _nanoseconds(time_s: FloatArray) -> IntArray:
     return np.round(time_s * 1e9).astype(np.int64) + _START_NS

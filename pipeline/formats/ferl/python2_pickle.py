@@ -17,8 +17,8 @@ from enum import Enum
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import RecordingError
 from pipeline.formats.mcap.rejection_reasons import rejection
 
@@ -41,7 +41,7 @@ class Name(Enum):
 class Array:
     """An array of one or two axes; `values` are None until the file has given them."""
 
-    values: NDArray[np.float64] | None = None
+    values: FloatArray | None = None
 
 
 @dataclass(eq=False)
@@ -244,7 +244,7 @@ class _Machine:
 _KNOWN = {name.value: name for name in Name}
 
 
-def _values(dtype: object, shape: object, data: object) -> NDArray[np.float64]:
+def _values(dtype: object, shape: object, data: object) -> FloatArray:
     """The flat array over `data`, if it has what `shape` says."""
     if not isinstance(dtype, _Dtype) or not dtype.complete:
         raise _refused("has an array of an unknown type")

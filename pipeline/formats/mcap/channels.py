@@ -10,8 +10,8 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from pipeline.arrays import ByteArray, IntArray
 from pipeline.formats.mcap.container import FRAME, CutOff, Limits, Meter, parse, scan
 from pipeline.formats.mcap.joint_state_cdr import JointBlock, decode_joint_states
 from pipeline.formats.mcap.rejection_reasons import rejection
@@ -30,8 +30,8 @@ _LAYOUT_STEPS, _MAP_ENTRY_BYTES = 40, 8
 class LoggedBlock:
     """Decoded poses with where they stand in the file, (k,), and when they were logged, (k,) ns."""
 
-    place: NDArray[np.int64]
-    log_ns: NDArray[np.int64]
+    place: IntArray
+    log_ns: IntArray
     states: JointBlock
 
 
@@ -146,7 +146,7 @@ class Contents:
                     channel.blocks.append(LoggedBlock(place[part][rows], logged[part][rows], states))
         self._place += len(data)
 
-    def _messages(self, data: bytes, view: NDArray[np.uint8], meter: Meter) -> dict[tuple[int, int], list[int]]:
+    def _messages(self, data: bytes, view: ByteArray, meter: Meter) -> dict[tuple[int, int], list[int]]:
         """Where the messages start, by channel and record length; schemas and channels are taken on the way."""
         found: dict[tuple[int, int], list[int]] = {}
         at = 0
@@ -198,7 +198,7 @@ class Contents:
         self._declared[key] = body
 
 
-def _run(data: bytes, view: NDArray[np.uint8], at: int, stride: int) -> int:
+def _run(data: bytes, view: ByteArray, at: int, stride: int) -> int:
     """How many records from `at` on share opcode, length and channel; windows grow, so the cost follows the result."""
     shared = _CHANNEL_AT + _CHANNEL_ID.size
     if data[at : at + shared] != data[at + stride : at + stride + shared]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import ByteArray, FloatArray, IndexArray, IntArray
 from pipeline.formats.mcap.rejection_reasons import rejection
 
 MAX_JOINTS = 256
@@ -34,9 +35,9 @@ class JointBlock:
         positions: (k, len(names)) rad or m, any value.
     """
 
-    stamp_ns: NDArray[np.int64]
+    stamp_ns: IntArray
     names: tuple[str, ...]
-    positions: NDArray[np.float64]
+    positions: FloatArray
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class _Layout:
         return (slice(0, _HEADER), *(slice(start, stop) for start, stop in spans))
 
 
-def decode_joint_states(payloads: NDArray[np.uint8]) -> Iterator[tuple[NDArray[np.intp], JointBlock]]:
+def decode_joint_states(payloads: ByteArray) -> Iterator[tuple[IndexArray, JointBlock]]:
     """Decode messages of equal length, all that share a layout in one step.
 
     Args:
@@ -79,7 +80,7 @@ def decode_joint_states(payloads: NDArray[np.uint8]) -> Iterator[tuple[NDArray[n
         yield row, _block(payloads[row], _layout(payloads[row].tobytes()))
 
 
-def _block(payloads: NDArray[np.uint8], layout: _Layout) -> JointBlock:
+def _block(payloads: ByteArray, layout: _Layout) -> JointBlock:
     def numbers(start: int, count: int, kind: str) -> NDArray[Any]:
         dtype = np.dtype(layout.order + kind)
         return np.ascontiguousarray(payloads[:, start : start + count * dtype.itemsize]).view(dtype)
@@ -149,11 +150,11 @@ def _aligned(at: int, size: int) -> int:
 
 
 def encode_joint_states(
-    stamp_ns: NDArray[np.int64],
+    stamp_ns: IntArray,
     names: Sequence[str],
-    arrays: Sequence[NDArray[np.float64]],
+    arrays: Sequence[FloatArray],
     frame_id: str = "",
-) -> NDArray[np.uint8]:
+) -> ByteArray:
     """Encode poses as little-endian CDR.
 
     Args:

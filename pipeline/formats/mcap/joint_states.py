@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, RecordingError
 from pipeline.formats.mcap.channels import ChannelContents, Contents, LoggedBlock
 from pipeline.formats.mcap.container import CutOff, Limits
@@ -55,9 +55,9 @@ class JointRecording:
 
     path: Path
     topic: str
-    time_ns: NDArray[np.int64]
+    time_ns: IntArray
     names: tuple[str, ...]
-    positions: NDArray[np.float64]
+    positions: FloatArray
     metadata: dict[str, dict[str, str]]
     clock: Clock
     lost: str | None = None
@@ -257,9 +257,7 @@ def _choose_topic(by_topic: dict[str, list[LoggedBlock]], joints: Sequence[str] 
     raise rejection("joints-missing", f"No topic has all of {_some(joints or ())}; recorded are {found}.")
 
 
-def _poses(
-    topic: str, blocks: Sequence[LoggedBlock], names: tuple[str, ...]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], Clock]:
+def _poses(topic: str, blocks: Sequence[LoggedBlock], names: tuple[str, ...]) -> tuple[IntArray, FloatArray, Clock]:
     used = [block for block in blocks if not set(names).isdisjoint(block.states.names)]
     for block in used:
         missing = [name for name in names if name not in block.states.names]
@@ -309,7 +307,7 @@ def _poses(
     return time_ns, positions, clock
 
 
-def _columns(block: LoggedBlock, names: tuple[str, ...]) -> NDArray[np.float64]:
+def _columns(block: LoggedBlock, names: tuple[str, ...]) -> FloatArray:
     if block.states.names == names:
         return block.states.positions
     return block.states.positions[:, [block.states.names.index(name) for name in names]]

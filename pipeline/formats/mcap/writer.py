@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import Writer
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError
 from pipeline.formats.files.atomic import written_whole
 from pipeline.formats.mcap.joint_state_cdr import MAX_JOINTS, encode_joint_states
@@ -79,7 +80,7 @@ def write_joint_states(
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _times(argument: str, value: ArrayLike) -> NDArray[np.int64]:
+def _times(argument: str, value: ArrayLike) -> IntArray:
     times = np.asarray(value)
     if times.ndim != 1 or not np.issubdtype(times.dtype, np.integer) or len(times) < 2:
         raise ArgumentError(
@@ -90,9 +91,7 @@ def _times(argument: str, value: ArrayLike) -> NDArray[np.int64]:
     return times.astype(np.int64)
 
 
-def _check(
-    stamp_ns: NDArray[np.int64], log_ns: NDArray[np.int64], names: Sequence[str], positions: NDArray[np.float64]
-) -> None:
+def _check(stamp_ns: IntArray, log_ns: IntArray, names: Sequence[str], positions: FloatArray) -> None:
     if (np.diff(stamp_ns) <= 0).any():
         raise ArgumentError("time_ns must increase from each pose to the next.")
     if log_ns.shape != stamp_ns.shape:

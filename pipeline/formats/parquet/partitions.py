@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.formats.parquet.tables import GROUPS, KeyRanges, TableWriter, part_rows, read_part
 from schemas import schema
 
-Floats = NDArray[np.float64]
 PARTITIONS = 10  # of alternatives whose features are read at once: their rows are far smaller than waypoints
 
 
@@ -166,8 +165,8 @@ class Scaled:
 
     path: Path
     names: tuple[str, ...]
-    scale: Floats
+    scale: FloatArray
 
-    def read(self, pieces: Sequence[Piece]) -> Floats:
+    def read(self, pieces: Sequence[Piece]) -> FloatArray:
         """(M, F) of some rows."""
         return np.asarray(read_pieces(self.path, "features", pieces, self.names).to_numpy() / self.scale)

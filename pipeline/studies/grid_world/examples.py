@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.studies.grid_world.trials import (
     SAMPLING_MODELS,
     THETAS,
@@ -18,8 +18,6 @@ from pipeline.studies.grid_world.trials import (
 )
 
 BINS = 40
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +84,7 @@ def _set(name: str, one: dict[str, object]) -> pl.Expr:
     return pl.struct(columns).alias("of")
 
 
-def _paths(world: GridWorld, rows: NDArray[np.intp]) -> pl.DataFrame:
+def _paths(world: GridWorld, rows: IndexArray) -> pl.DataFrame:
     steps = pl.Array(pl.Int64, world.paths.shape[1])
     return pl.DataFrame(
         {
@@ -101,7 +99,7 @@ def _paths(world: GridWorld, rows: NDArray[np.intp]) -> pl.DataFrame:
     )
 
 
-def _density_1d(values: Array, feature: int, weights: dict[str, Array]) -> pl.DataFrame:
+def _density_1d(values: FloatArray, feature: int, weights: dict[str, FloatArray]) -> pl.DataFrame:
     edges = np.linspace(values.min(), values.max(), BINS + 1)
     densities = {
         name: np.histogram(values, bins=edges, weights=weight, density=True)[0] for name, weight in weights.items()
@@ -110,7 +108,7 @@ def _density_1d(values: Array, feature: int, weights: dict[str, Array]) -> pl.Da
     return pl.DataFrame(columns | densities)
 
 
-def _density_2d(features: Array, weights: dict[str, Array]) -> pl.DataFrame:
+def _density_2d(features: FloatArray, weights: dict[str, FloatArray]) -> pl.DataFrame:
     edges = [np.linspace(phi.min(), phi.max(), BINS + 1) for phi in features.T]
     densities = {
         name: np.histogramdd(features, bins=edges, weights=weight, density=True)[0].ravel()

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 from scipy.special import softmax
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice import (
     LESS,
     AttributeRule,
@@ -31,14 +31,12 @@ from pipeline.choice.scaling import feature_scale
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.grid_world import Cells, link_incidence, mean_distances, mean_positions, shortest_paths
 
-Array = NDArray[np.float64]
-
 SAMPLING_MODELS = ("boltzmann", "less")
 # people whose similarity also sees mean x and mean y, which the robot does not: their kernel has the robot's bandwidth,
 # or one selected anew for the four features. The paper does not say which, H5 depends on it, and both are reported.
 HIDDEN_MODELS = ("less-hidden", "less-hidden-own-bandwidth")
 INFERENCE_MODELS = ("boltzmann", "less", "attribute-rule", "path-size")
-THETAS: Array = np.array([theta for theta in product((-1.0, 0.0, 1.0), repeat=2) if any(theta)])
+THETAS: FloatArray = np.array([theta for theta in product((-1.0, 0.0, 1.0), repeat=2) if any(theta)])
 
 _TRIALS = {
     "sampling_model": pl.String,
@@ -100,10 +98,10 @@ class GridWorld:
     """
 
     paths: Cells
-    features: Array
-    log_probabilities: Mapping[str, Array]
+    features: FloatArray
+    log_probabilities: Mapping[str, FloatArray]
     bandwidths: Mapping[str, float]
-    log_density: Array
+    log_density: FloatArray
 
 
 def build_world(settings: GridWorldSettings) -> GridWorld:
@@ -130,7 +128,7 @@ def build_world(settings: GridWorldSettings) -> GridWorld:
     return GridWorld(paths, features, log_probabilities, bandwidths, log_density(features, sigma))
 
 
-def draw_demonstrations(log_p: Array, settings: GridWorldSettings) -> NDArray[np.intp]:
+def draw_demonstrations(log_p: FloatArray, settings: GridWorldSettings) -> IndexArray:
     """(K, seeds, demonstrations) rows of the choice set, drawn independently with probabilities exp(log_p), (K, N).
 
     A theta and a seed have the same uniform numbers under every sampling model: the sets of one subject of the
@@ -146,12 +144,12 @@ def draw_demonstrations(log_p: Array, settings: GridWorldSettings) -> NDArray[np
     return np.stack(drawn)
 
 
-def posteriors(log_p: Array, drawn: NDArray[np.intp]) -> Array:
+def posteriors(log_p: FloatArray, drawn: IndexArray) -> FloatArray:
     """(..., K) probability of each theta, given sets of demonstrations (..., D) and a model's log_p (K, N).
 
     The prior is uniform; demonstrations are independent, so their log likelihoods add.
     """
-    result: Array = softmax(np.moveaxis(log_p[:, drawn].sum(axis=-1), 0, -1), axis=-1)
+    result: FloatArray = softmax(np.moveaxis(log_p[:, drawn].sum(axis=-1), 0, -1), axis=-1)
     return result
 
 
@@ -176,5 +174,5 @@ def run_trials(world: GridWorld, settings: GridWorldSettings) -> pl.DataFrame:
     return pl.concat(tables)
 
 
-def _scaled(features: Array, names: tuple[str, ...]) -> Array:
+def _scaled(features: FloatArray, names: tuple[str, ...]) -> FloatArray:
     return features / feature_scale(features, "range", names)

@@ -6,12 +6,13 @@ import numpy as np
 import polars as pl
 from scipy.special import entr
 
-from pipeline.studies.robustness.problem import Array, Demonstrations, unit
+from pipeline.arrays import FloatArray
+from pipeline.studies.robustness.problem import Demonstrations, unit
 
 ALL = "all"  # stands for all demonstrations together, as in posteriors.parquet
 
 
-def divergences(log_posteriors: Array) -> Array:
+def divergences(log_posteriors: FloatArray) -> FloatArray:
     """Kullback-Leibler divergences between all ordered pairs of posteriors, nats.
 
     Args:
@@ -25,7 +26,7 @@ def divergences(log_posteriors: Array) -> Array:
     return np.asarray(np.einsum("gpk,gpqk->gpq", np.exp(log_p), difference))
 
 
-def jackknife_interval(pairs: Array, level: float = 0.95) -> tuple[float, float] | None:
+def jackknife_interval(pairs: FloatArray, level: float = 0.95) -> tuple[float, float] | None:
     """Interval of KLAggregate over samplings, by leaving one out at a time.
 
     KLAggregate is R (R - 1) times a U statistic of order two, for which the jackknife is made. Student's t with R - 1
@@ -53,7 +54,9 @@ def jackknife_interval(pairs: Array, level: float = 0.95) -> tuple[float, float]
     return float(np.exp(centre - half_width)), float(np.exp(centre + half_width))
 
 
-def measures(marginals: Array, demonstrations: Demonstrations, angles: tuple[Array | None, ...]) -> pl.DataFrame:
+def measures(
+    marginals: FloatArray, demonstrations: Demonstrations, angles: tuple[FloatArray | None, ...]
+) -> pl.DataFrame:
     """Robustness and accuracy of the posteriors of each demonstration and of all together.
 
     Args:
@@ -94,7 +97,7 @@ def measures(marginals: Array, demonstrations: Demonstrations, angles: tuple[Arr
     return pl.DataFrame(rows, schema_overrides=dict.fromkeys(floats, pl.Float64))
 
 
-def true_direction(stated: dict[str, float], names: tuple[str, ...], scales: Array) -> Array | None:
+def true_direction(stated: dict[str, float], names: tuple[str, ...], scales: FloatArray) -> FloatArray | None:
     """What a simulated participant wanted, as a direction on the robot's scaled features.
 
     theta_f = w_f s_f to unit length, with w_f the reward per raw unit of feature f and s_f its scale: the reward

@@ -9,9 +9,9 @@ from itertools import product
 import numpy as np
 import polars as pl
 
+from pipeline.arrays import FloatArray
 from pipeline.studies.robustness.divergence import ALL
 from pipeline.studies.robustness.problem import (
-    Array,
     Bandwidths,
     ChoiceSets,
     Problem,
@@ -93,7 +93,9 @@ def inject_duplicates(
     return pl.concat(rows)
 
 
-Noise = Mapping[str, tuple[Array, Array]]  # per anchor: rows that are copied, standard normal (copies, copied, F)
+Noise = Mapping[
+    str, tuple[FloatArray, FloatArray]
+]  # per anchor: rows that are copied, standard normal (copies, copied, F)
 
 
 def _noises(sets: ChoiceSets, duplication: Duplication, stream: Callable[[str, str], np.random.Generator]) -> Noise:
@@ -114,12 +116,12 @@ def _with_copies(sets: ChoiceSets, noises: Noise, copies: int, spread: float) ->
     return replace(sets, features=features, log_proposals={})
 
 
-def _marginals(problem: Problem, samplings: tuple[ChoiceSets, ...], score: Score) -> Array:
+def _marginals(problem: Problem, samplings: tuple[ChoiceSets, ...], score: Score) -> FloatArray:
     return theta_marginals(log_posteriors(log_likelihoods(problem, samplings, score)))
 
 
 def _rows(
-    problem: Problem, clean: Array, moved: Array, widths: Mapping[ChoiceSets, Bandwidths] | None,
+    problem: Problem, clean: FloatArray, moved: FloatArray, widths: Mapping[ChoiceSets, Bandwidths] | None,
     model: str, copies: int, spread: float,
 ) -> pl.DataFrame:  # fmt: skip
     people = problem.demonstrations

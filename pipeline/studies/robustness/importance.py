@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.studies.robustness.problem import Array, ChoiceSets, Problem, Score
+from pipeline.studies.robustness.problem import ChoiceSets, Problem, Score
 
 
 def weighted_log_likelihood(
-    demonstrations: Array, alternatives: Array, log_weights: Array, thetas: Array, betas: Array, *, joined: bool
-) -> Array:
+    demonstrations: FloatArray,
+    alternatives: FloatArray,
+    log_weights: FloatArray,
+    thetas: FloatArray,
+    betas: FloatArray,
+    *,
+    joined: bool,
+) -> FloatArray:
     """Log likelihood of demonstrations under Boltzmann whose alternatives have weights of their own.
 
     log p(d | theta, beta) = beta theta . phi_d - log sum_j w_j exp(beta theta . phi_j), up to a constant.
@@ -40,7 +47,7 @@ def weighted_log_likelihood(
     return np.asarray(own - np.logaddexp(sums, own))
 
 
-def effective_sample_size(log_weights: Array) -> float:
+def effective_sample_size(log_weights: FloatArray) -> float:
     """(sum_j w_j)^2 / sum_j w_j^2, between 1 and N: how many equal weights would carry as much (Kish)."""
     return float(np.exp(2 * log_sum_exp(log_weights) - log_sum_exp(2 * log_weights)))
 
@@ -54,7 +61,7 @@ def weighted_score(problem: Problem, *, weighted: bool, joined: bool) -> Score:
         joined: see `weighted_log_likelihood`.
     """
 
-    def score(demonstrations: Array, sets: ChoiceSets, anchor: str) -> Array:
+    def score(demonstrations: FloatArray, sets: ChoiceSets, anchor: str) -> FloatArray:
         log_proposal = sets.log_proposals[anchor]
         log_weights = -log_proposal if weighted else np.zeros(len(log_proposal))
         return weighted_log_likelihood(

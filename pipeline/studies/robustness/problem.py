@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann, angle_to, log_likelihood, select_bandwidth
 from pipeline.choice.logspace import log_sum_exp, peak
 from pipeline.errors import StageError
 
-Array = NDArray[np.float64]
 TASK = "task"  # the anchor of alternatives that all demonstrations share
 
 
@@ -31,8 +30,8 @@ class Demonstrations:
 
     ids: tuple[str, ...]
     participants: tuple[str, ...]
-    features: Array
-    truths: tuple[Array | None, ...]
+    features: FloatArray
+    truths: tuple[FloatArray | None, ...]
 
     def rows(self, anchor: str) -> list[int]:
         """The demonstrations that are judged against alternatives with this anchor."""
@@ -52,8 +51,8 @@ class ChoiceSets:
 
     set_size: int
     set_id: str
-    features: Mapping[str, Array]
-    log_proposals: Mapping[str, Array]
+    features: Mapping[str, FloatArray]
+    log_proposals: Mapping[str, FloatArray]
 
 
 Cell = tuple[str, int, tuple[ChoiceSets, ...]]  # regime, set size, samplings
@@ -72,11 +71,11 @@ class Problem:
 
     demonstrations: Demonstrations
     regimes: Mapping[str, tuple[ChoiceSets, ...]]
-    thetas: Array
-    betas: Array
+    thetas: FloatArray
+    betas: FloatArray
 
     @cached_property
-    def truth_angles(self) -> tuple[Array | None, ...]:
+    def truth_angles(self) -> tuple[FloatArray | None, ...]:
         """For each demonstration, and for all together: the angle (K,) of every theta to the truth, None if not known.
 
         All together: to the mean of the directions. An angle is in rad.
@@ -100,7 +99,7 @@ class Problem:
         """Regime, set size and samplings: the parts of a study, one after another."""
         return [(regime, *of_size) for regime in self.regimes for of_size in self.by_size(regime)]
 
-    def rescaled(self, ratio: Array) -> Problem:
+    def rescaled(self, ratio: FloatArray) -> Problem:
         """The same with every feature multiplied by `ratio` (F,); what was truly wanted turns accordingly."""
         demonstrations = replace(
             self.demonstrations,
@@ -118,11 +117,11 @@ class Problem:
 
 
 Bandwidths = Mapping[str, float]  # per anchor
-Score = Callable[[Array, ChoiceSets, str], Array]
+Score = Callable[[FloatArray, ChoiceSets, str], FloatArray]
 """Demonstrations (m, F), a sampling and an anchor to log likelihoods (m, K, B)."""
 
 
-def unit(direction: Array) -> Array:
+def unit(direction: FloatArray) -> FloatArray:
     """A vector to length one."""
     return np.asarray(direction / np.linalg.norm(direction))
 
@@ -144,7 +143,7 @@ def select_bandwidths(samplings: Sequence[ChoiceSets], method: str | float) -> d
 def boltzmann_score(problem: Problem) -> Score:
     """Log likelihoods under Boltzmann."""
 
-    def score(demonstrations: Array, sets: ChoiceSets, anchor: str) -> Array:
+    def score(demonstrations: FloatArray, sets: ChoiceSets, anchor: str) -> FloatArray:
         return log_likelihood(Boltzmann(), demonstrations, sets.features[anchor], problem.thetas, problem.betas)
 
     return score
@@ -153,14 +152,14 @@ def boltzmann_score(problem: Problem) -> Score:
 def less_score(problem: Problem, selected: Callable[[ChoiceSets], Bandwidths]) -> Score:
     """Log likelihoods under LESS with the bandwidths that `selected` gives."""
 
-    def score(demonstrations: Array, sets: ChoiceSets, anchor: str) -> Array:
+    def score(demonstrations: FloatArray, sets: ChoiceSets, anchor: str) -> FloatArray:
         model = LESS(bandwidth=selected(sets)[anchor])
         return log_likelihood(model, demonstrations, sets.features[anchor], problem.thetas, problem.betas)
 
     return score
 
 
-def log_likelihoods(problem: Problem, samplings: tuple[ChoiceSets, ...], score: Score) -> Array:
+def log_likelihoods(problem: Problem, samplings: tuple[ChoiceSets, ...], score: Score) -> FloatArray:
     """(R, n, K, B): each demonstration against the alternatives of each of R samplings.
 
     Raises:
@@ -180,7 +179,7 @@ def log_likelihoods(problem: Problem, samplings: tuple[ChoiceSets, ...], score: 
     return values
 
 
-def log_posteriors(likelihoods: Array) -> Array:
+def log_posteriors(likelihoods: FloatArray) -> FloatArray:
     """(R, n, K, B) log likelihoods to (R, n + 1, K, B) joint log posteriors; the last is that of all together.
 
     The prior over hypotheses is uniform, so each is its likelihood, normalised; demonstrations are independent.
@@ -190,6 +189,6 @@ def log_posteriors(likelihoods: Array) -> Array:
     return np.asarray(joint - log_sum_exp(joint, axis=(2, 3))[..., None, None])
 
 
-def theta_marginals(joint: Array) -> Array:
+def theta_marginals(joint: FloatArray) -> FloatArray:
     """(R, G, K, B) joint log posteriors to (R, G, K), beta summed out."""
     return log_sum_exp(joint, axis=3)

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
+from pipeline.arrays import FloatArray
 from pipeline.studies.robustness.divergence import ALL, measures
 from pipeline.studies.robustness.importance import effective_sample_size, weighted_score
 from pipeline.studies.robustness.problem import (
-    Array,
     Bandwidths,
     Cell,
     ChoiceSets,
@@ -52,7 +52,7 @@ class RobustnessResult:
     robustness: pl.DataFrame
     posteriors: pl.DataFrame
     sets: pl.DataFrame
-    likelihoods: Mapping[tuple[str, int, str], Array]
+    likelihoods: Mapping[tuple[str, int, str], FloatArray]
     bandwidths: Mapping[ChoiceSets, Bandwidths]
 
 
@@ -72,7 +72,7 @@ def compare_samplings(
     """
     selected = select_bandwidths([sets for samplings in problem.regimes.values() for sets in samplings], bandwidth)
     boltzmann, less = boltzmann_score(problem), less_score(problem, selected.__getitem__)
-    likelihoods: dict[tuple[str, int, str], Array] = {}
+    likelihoods: dict[tuple[str, int, str], FloatArray] = {}
     rows: list[pl.DataFrame] = []
     posteriors: list[pl.DataFrame] = []
     for regime, size, samplings in watched(problem.cells):
@@ -101,7 +101,7 @@ def compare_samplings(
     return RobustnessResult(pl.concat(rows), pl.concat(posteriors), _set_rows(problem, selected), likelihoods, selected)
 
 
-def _measured(problem: Problem, marginals: Array, regime: str, size: int, model: str) -> pl.DataFrame:
+def _measured(problem: Problem, marginals: FloatArray, regime: str, size: int, model: str) -> pl.DataFrame:
     table = measures(marginals, problem.demonstrations, problem.truth_angles)
     return table.select(
         pl.lit(regime).alias("regime"), pl.lit(model).alias("model"), pl.lit(size, pl.Int64).alias("set_size"), pl.all()
@@ -109,7 +109,7 @@ def _measured(problem: Problem, marginals: Array, regime: str, size: int, model:
 
 
 def _posterior_rows(
-    problem: Problem, marginals: Array, samplings: tuple[ChoiceSets, ...], regime: str, size: int, model: str
+    problem: Problem, marginals: FloatArray, samplings: tuple[ChoiceSets, ...], regime: str, size: int, model: str
 ) -> pl.DataFrame:
     people = problem.demonstrations
     r, g, k = marginals.shape

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import numpy as np
 import polars as pl
 
+from pipeline.arrays import FloatArray
 from pipeline.choice import BandwidthWarning
 from pipeline.choice.kernel.bandwidth import METHODS
 from pipeline.studies.robustness.divergence import measures
 from pipeline.studies.robustness.problem import (
-    Array,
     Bandwidths,
     Cell,
     ChoiceSets,
@@ -28,7 +28,7 @@ from pipeline.studies.robustness.samplings import BOLTZMANN, LESS_MODEL, Robustn
 
 FACTOR, SELECTOR, SCALE, BETA = "bandwidth", "selector", "scale", "beta"
 MARGINAL, JOINT = "marginal", "joint"
-Setting = tuple[str, str, str, bool, Array, float | None]
+Setting = tuple[str, str, str, bool, FloatArray, float | None]
 """choice, setting, model, whether it is the study's own, log posteriors (R, n + 1, K'), median bandwidth."""
 
 
@@ -37,7 +37,7 @@ def vary_choices(
     result: RobustnessResult,
     bandwidth: str | float,
     factors: Sequence[float],
-    ratios: Mapping[str, Array],
+    ratios: Mapping[str, FloatArray],
     scale: str,
     watched: Callable[[Sequence[Cell]], Iterable[Cell]] = iter,
 ) -> pl.DataFrame:
@@ -78,7 +78,7 @@ def vary_choices(
 
 
 def _factors(
-    problem: Problem, samplings: tuple[ChoiceSets, ...], own: Mapping[str, Array], result: RobustnessResult,
+    problem: Problem, samplings: tuple[ChoiceSets, ...], own: Mapping[str, FloatArray], result: RobustnessResult,
     factors: Sequence[float],
 ) -> Iterator[Setting]:  # fmt: skip
     for factor in factors:
@@ -92,7 +92,7 @@ def _factors(
 
 
 def _selectors(
-    problem: Problem, samplings: tuple[ChoiceSets, ...], own: Mapping[str, Array], result: RobustnessResult,
+    problem: Problem, samplings: tuple[ChoiceSets, ...], own: Mapping[str, FloatArray], result: RobustnessResult,
     bandwidth: str | float,
 ) -> Iterator[Setting]:  # fmt: skip
     yield from _own(own, SELECTOR, f"{bandwidth}", result, samplings)
@@ -102,7 +102,7 @@ def _selectors(
 
 
 def _betas(
-    problem: Problem, samplings: tuple[ChoiceSets, ...], own: Mapping[str, Array], result: RobustnessResult
+    problem: Problem, samplings: tuple[ChoiceSets, ...], own: Mapping[str, FloatArray], result: RobustnessResult
 ) -> Iterator[Setting]:
     for model, likelihoods in own.items():
         width = None if model == BOLTZMANN else _median(result.bandwidths[sets] for sets in samplings)
@@ -122,7 +122,11 @@ def _rescored(
 
 
 def _own(
-    own: Mapping[str, Array], choice: str, setting: str, result: RobustnessResult, samplings: tuple[ChoiceSets, ...]
+    own: Mapping[str, FloatArray],
+    choice: str,
+    setting: str,
+    result: RobustnessResult,
+    samplings: tuple[ChoiceSets, ...],
 ) -> Iterator[Setting]:
     for model, likelihoods in own.items():
         width = None if model == BOLTZMANN else _median(result.bandwidths[sets] for sets in samplings)
@@ -130,7 +134,7 @@ def _own(
 
 
 def _both(
-    problem: Problem, samplings: tuple[ChoiceSets, ...], own: Mapping[str, Array], choice: str, setting: str,
+    problem: Problem, samplings: tuple[ChoiceSets, ...], own: Mapping[str, FloatArray], choice: str, setting: str,
     selected: Mapping[ChoiceSets, Bandwidths],
 ) -> Iterator[Setting]:  # fmt: skip
     yield choice, setting, BOLTZMANN, False, theta_marginals(log_posteriors(own[BOLTZMANN])), None
@@ -167,7 +171,7 @@ def _rows(problem: Problem, regime: str, size: int, settings: Iterable[Setting])
     return tables
 
 
-def _measures(problem: Problem, posteriors: Array, setting: str) -> pl.DataFrame:
+def _measures(problem: Problem, posteriors: FloatArray, setting: str) -> pl.DataFrame:
     """The measures; those of accuracy are about theta and so missing for joint posteriors."""
     unknown = (None,) * (len(problem.demonstrations.ids) + 1)
     return measures(posteriors, problem.demonstrations, unknown if setting == JOINT else problem.truth_angles)

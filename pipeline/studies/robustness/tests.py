@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import polars as pl
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 from pipeline.studies.robustness.divergence import ALL
-from pipeline.studies.robustness.problem import Array
 from pipeline.studies.statistics import repeated_measures_anova, tukey_hsd
 
 SINGLE, BATCH = "single", "batch"
@@ -104,7 +104,7 @@ def summarise(table: pl.DataFrame, by: Sequence[str], value: str) -> pl.DataFram
     return pl.concat([singles, together.select(singles.columns)])
 
 
-def median_interval(values: Array, level: float = 0.95) -> tuple[float, float] | None:
+def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float] | None:
     """The interval of a median that assumes no distribution: the narrowest pair of order statistics that is wide enough.
 
     Between the k-th smallest and the k-th largest of n lies the median with probability

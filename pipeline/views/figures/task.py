@@ -24,11 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
+    from pipeline.arrays import FloatArray
     from pipeline.views.task_summary import DensityCurve, DensityMap
-
-    Floats = NDArray[np.float64]
 
 _MOST_ROWS = 10
 
@@ -88,7 +86,7 @@ def map_figure(density: DensityMap) -> Figure:
 
 
 @in_style
-def posterior_figure(posteriors: Mapping[str, Floats], labels: Sequence[str], meaning: str) -> Figure:
+def posterior_figure(posteriors: Mapping[str, FloatArray], labels: Sequence[str], meaning: str) -> Figure:
     """What each model infers from all demonstrations together.
 
     Args:

@@ -17,9 +17,7 @@ from pipeline.views.rerun.labels import log_labels, part
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from pipeline.arrays import FloatArray
 
 _ROW = 25.0
 _BAR_RADIUS = 6.5
@@ -72,7 +70,7 @@ def full_scale(longest: float) -> float:
     return next(step for step in (0.1, 0.2, 0.5, 1.0) if longest <= step + 1e-9)
 
 
-def log_bars(recording: rr.RecordingStream, chart: BarChart, column: int, values: Floats, *, static: bool) -> None:
+def log_bars(recording: rr.RecordingStream, chart: BarChart, column: int, values: FloatArray, *, static: bool) -> None:
     """Log one model's bars, and each one's number at the end of its column."""
     lengths = values / chart.full * chart.full_length
     # a strip with round ends that fills the bar's rectangle: lying where the bar is long, standing where it is short, and
@@ -90,7 +88,7 @@ def log_bars(recording: rr.RecordingStream, chart: BarChart, column: int, values
     log_labels(recording, f"{entity}/values", at, [f"{value:.2f}" for value in values[numbered]], static=static)
 
 
-def log_lines(recording: rr.RecordingStream, chart: BarChart, column: int, values: Floats, name: str) -> None:
+def log_lines(recording: rr.RecordingStream, chart: BarChart, column: int, values: FloatArray, name: str) -> None:
     """Log a white line across each row of a column, at its value; those next to zero are left out."""
     lengths = values / chart.full * chart.full_length
     seen = lengths >= _SHORTEST

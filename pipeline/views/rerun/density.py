@@ -17,14 +17,12 @@ from pipeline.views.rerun.labels import drawable, log_labels, part
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from pipeline.arrays import FloatArray
     from pipeline.views.rerun.records import Inspection
     from pipeline.views.task_summary import DensityCurve, DensityMap
 
-    Floats = NDArray[np.float64]
     Bounds = tuple[tuple[float, float], tuple[float, float]]
-    Marks = Mapping[str, tuple[Floats, palette.RGB]]
+    Marks = Mapping[str, tuple[FloatArray, palette.RGB]]
 
 _CURVE_SHAPE = 0.66
 _RUG = 0.05
@@ -127,7 +125,7 @@ def log_map_points(
     recording: rr.RecordingStream,
     density: DensityMap,
     name: str,
-    values: Floats,
+    values: FloatArray,
     color: palette.RGB,
     *,
     static: bool = True,
@@ -143,9 +141,9 @@ def _log_axes(
     recording: rr.RecordingStream,
     entity: str,
     page: tuple[float, float],
-    grid: Floats,
-    up: Floats,
-    heights: Floats,
+    grid: FloatArray,
+    up: FloatArray,
+    heights: FloatArray,
 ) -> None:
     """Numbers below and left of a page, and a line along its bottom."""
     width, height = page
@@ -166,13 +164,13 @@ def _log_axis_names(
     )
 
 
-def _cells(values: Floats, grid: Floats) -> Floats:
+def _cells(values: FloatArray, grid: FloatArray) -> FloatArray:
     """Values to page coordinates: the centre of cell g is at g + 1/2."""
-    cells: Floats = (np.asarray(values) - grid[0]) / (grid[1] - grid[0]) + 0.5
+    cells: FloatArray = (np.asarray(values) - grid[0]) / (grid[1] - grid[0]) + 0.5
     return cells
 
 
-def ticks(low: float, high: float) -> Floats:
+def ticks(low: float, high: float) -> FloatArray:
     """Round numbers within `low`..`high`, three to seven of them."""
     rough = (high - low) / 4
     magnitude = 10.0 ** np.floor(np.log10(rough))

@@ -12,11 +12,7 @@ from pipeline.views.rerun.density import ticks
 from pipeline.views.rerun.labels import drawable
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from pipeline.views.rerun.records import FeatureSpace
-
-    Floats = NDArray[np.float64]
 
 _POINT, _DEMONSTRATION, _EDGE = (rr.Radius.ui_points(points) for points in (1.8, 5.0, 0.6))
 _BESIDE = 0.08

@@ -19,12 +19,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import polars as pl
-    from numpy.typing import NDArray
 
+    from pipeline.arrays import FloatArray
     from pipeline.views.rerun.records import AlternativeSet, Inspection, Replay
     from pipeline.views.task_summary import DensityMap
-
-    Floats = NDArray[np.float64]
 
 _SHORT_REPLAY_S = 60.0
 _DISTANCE, _LOWER = 0.86, 0.05
@@ -66,7 +64,7 @@ def _scene_view(inspection: Inspection) -> rrb.Spatial3DView:
     return scene_view(inspection.replay, seen, hidden(inspection.alternatives))
 
 
-def scene_view(replay: Replay, seen: Floats, unseen: Sequence[str]) -> rrb.Spatial3DView:
+def scene_view(replay: Replay, seen: FloatArray, unseen: Sequence[str]) -> rrb.Spatial3DView:
     """The view of the arm in its scene.
 
     Args:
@@ -90,7 +88,7 @@ def hidden(alternatives: Sequence[AlternativeSet]) -> list[str]:
     return [alternatives_entity(group.name) for group in alternatives if not group.shown]
 
 
-def camera(seen: Floats, base: Floats, viewpoint: Floats | None) -> tuple[Floats, Floats]:
+def camera(seen: FloatArray, base: FloatArray, viewpoint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
     """Where to look from, and at what: all that moves, from the side of the scene's camera.
 
     Without a camera in the scene: from beyond the middle of what is seen, to the side and above, the base behind it.
@@ -114,7 +112,7 @@ def camera(seen: Floats, base: Floats, viewpoint: Floats | None) -> tuple[Floats
     return target + away * direction / np.linalg.norm(direction), target
 
 
-def _beyond(outward: Floats) -> Floats:
+def _beyond(outward: FloatArray) -> FloatArray:
     angle = np.arctan2(outward[1], outward[0]) + np.radians(50.0)
     return np.array([np.cos(angle), np.sin(angle), np.tan(np.radians(24.0))])
 

@@ -23,12 +23,9 @@ from pipeline.views.rerun.scene import log_alternatives, log_bodies, log_playing
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from pipeline.arrays import FloatArray
     from pipeline.views.rerun.records import AlternativeSet, Replay
     from pipeline.views.task_summary import DensityMap
-
-    Floats = NDArray[np.float64]
 
 _PAUSE_S = 0.5
 
@@ -54,7 +51,7 @@ class Beginning:
     map: DensityMap
     theta_labels: tuple[str, ...]
     theta_meaning: str
-    priors: Mapping[str, Floats]
+    priors: Mapping[str, FloatArray]
     summary: str
 
 
@@ -73,9 +70,9 @@ class Arrival:
 
     name: str
     replay: Replay
-    path: Floats
-    on_map: Floats
-    posteriors: Mapping[str, Floats]
+    path: FloatArray
+    on_map: FloatArray
+    posteriors: Mapping[str, FloatArray]
     summary: str
 
 
@@ -115,7 +112,7 @@ class Watched:
         )
         self._state(arrival.posteriors, arrival.summary)
 
-    def remove(self, name: str, on_map: Floats, posteriors: Mapping[str, Floats], summary: str) -> None:
+    def remove(self, name: str, on_map: FloatArray, posteriors: Mapping[str, FloatArray], summary: str) -> None:
         """Take a demonstration back; arguments as in `Arrival`."""
         self._recording.set_time(TIMELINE, duration=self._end_s)
         self._recording.log(f"scene/demonstrations/{part(name)}", rr.Clear(recursive=False))
@@ -124,7 +121,7 @@ class Watched:
         )
         self._state(posteriors, summary)
 
-    def _state(self, posteriors: Mapping[str, Floats], summary: str) -> None:
+    def _state(self, posteriors: Mapping[str, FloatArray], summary: str) -> None:
         self._recording.set_time(TIMELINE, duration=self._end_s)
         log_now(self._recording, self._beginning.theta_labels, posteriors)
         text = rr.TextDocument(drawable(summary), media_type=rr.MediaType.MARKDOWN)

@@ -14,11 +14,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import rerun as rr
-    from numpy.typing import NDArray
 
+    from pipeline.arrays import FloatArray, IntArray
     from pipeline.views.rerun.records import Inspection
-
-    Floats = NDArray[np.float64]
 
 _MOST_ROWS = 20
 
@@ -33,7 +31,7 @@ class Page:
         chart: its columns and scale.
     """
 
-    order: NDArray[np.int64]
+    order: IntArray
     others: int
     chart: BarChart
 
@@ -42,7 +40,7 @@ class Page:
         """Horizontal and vertical extent."""
         return self.chart.bounds(len(self.order) + (self.others > 0))
 
-    def row_values(self, posterior: Floats) -> Floats:
+    def row_values(self, posterior: FloatArray) -> FloatArray:
         """(R,) or, with hypotheses left over, (R + 1,): the last is what they have together."""
         own = posterior[self.order]
         return np.append(own, max(0.0, 1.0 - own.sum())) if self.others else own
@@ -57,7 +55,7 @@ def page(inspection: Inspection) -> Page:
     return Page(order, highest.size - order.size, chart)
 
 
-def page_now(posteriors: Mapping[str, Floats]) -> Page:
+def page_now(posteriors: Mapping[str, FloatArray]) -> Page:
     """Lay out a chart whose end is not known: all hypotheses in their order, or of many the most probable now.
 
     Args:
@@ -68,7 +66,7 @@ def page_now(posteriors: Mapping[str, Floats]) -> Page:
     return Page(order, highest.size - order.size, BarChart("posterior", tuple(posteriors), 1.0))
 
 
-def log_now(recording: rr.RecordingStream, labels: Sequence[str], posteriors: Mapping[str, Floats]) -> None:
+def log_now(recording: rr.RecordingStream, labels: Sequence[str], posteriors: Mapping[str, FloatArray]) -> None:
     """Log the chart of the posteriors as they are at the recording's time; arguments as in `page_now`."""
     layout = page_now(posteriors)
     rows = [labels[k] for k in layout.order] + [f"the other {layout.others} together"] * (layout.others > 0)

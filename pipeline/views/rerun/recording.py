@@ -15,19 +15,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from pipeline.errors import StageError
 from pipeline.formats.files.atomic import path_written_whole, require_space
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from rerun import RecordingStream
     from rerun.blueprint import Blueprint
 
     from pipeline.views.rerun.records import Inspection
-
-    Floats = NDArray[np.float64]
 
 _UNREACHABLE = "http://127.0.0.1:9"
 SPACE = 40_000_000  # bytes that must be free for a recording, which stays under half of that

@@ -13,12 +13,10 @@ from pipeline.errors import ArgumentError
 
 if TYPE_CHECKING:
     import polars as pl
-    from numpy.typing import NDArray
 
+    from pipeline.arrays import FloatArray, IntArray
     from pipeline.replay.geometry import Geometry
     from pipeline.views.task_summary import DensityCurve, DensityMap
-
-    Floats = NDArray[np.float64]
 
 TIMELINE = "replay"
 
@@ -36,10 +34,10 @@ class Replay:
     """
 
     geometry: Geometry
-    body_positions: Floats
-    body_quaternions: Floats
-    time_s: Floats
-    demonstration: NDArray[np.int64]
+    body_positions: FloatArray
+    body_quaternions: FloatArray
+    time_s: FloatArray
+    demonstration: IntArray
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,8 @@ class AlternativeSet:
 
     name: tuple[str, ...]
     samplers: tuple[str, ...]
-    paths: Floats
-    log_weights: Floats
+    paths: FloatArray
+    log_weights: FloatArray
     shown: bool = False
 
     def __post_init__(self) -> None:
@@ -86,9 +84,9 @@ class FeatureSpace:
 
     features: tuple[str, str, str]
     units: tuple[str, str, str]
-    alternatives: Floats
-    log_weights: Floats
-    demonstrations: Floats
+    alternatives: FloatArray
+    log_weights: FloatArray
+    demonstrations: FloatArray
 
     def __post_init__(self) -> None:
         _check_shape("alternatives of the feature space", self.alternatives, (len(self.log_weights), 3))
@@ -118,14 +116,14 @@ class Inspection:
     task: str
     replay: Replay
     demonstration_ids: tuple[str, ...]
-    demonstration_paths: Floats
+    demonstration_paths: FloatArray
     alternatives: tuple[AlternativeSet, ...]
     curves: tuple[DensityCurve, ...]
     map: DensityMap
     space: FeatureSpace | None
     theta_labels: tuple[str, ...]
     theta_meaning: str
-    posteriors: Mapping[str, Floats]
+    posteriors: Mapping[str, FloatArray]
     robustness: pl.DataFrame | None
     summary: str
 
@@ -149,21 +147,21 @@ class Inspection:
             raise ArgumentError(f"replay.demonstration must name each of the {n} demonstrations 0..{n - 1}.")
 
     @property
-    def end_s(self) -> Floats:
+    def end_s(self) -> FloatArray:
         """(n,) when each demonstration has been played."""
         return np.array(
             [self.replay.time_s[self.replay.demonstration == i][-1] for i in range(len(self.demonstration_ids))]
         )
 
     @property
-    def start_s(self) -> Floats:
+    def start_s(self) -> FloatArray:
         """(n,) when each demonstration begins to play."""
         return np.array(
             [self.replay.time_s[self.replay.demonstration == i][0] for i in range(len(self.demonstration_ids))]
         )
 
 
-def _check_shape(name: str, array: Floats, shape: tuple[int | None, ...]) -> None:
+def _check_shape(name: str, array: FloatArray, shape: tuple[int | None, ...]) -> None:
     got = np.shape(array)
     if len(got) != len(shape) or any(want not in (None, have) for want, have in zip(shape, got, strict=True)):
         wanted = ", ".join("any" if want is None else str(want) for want in shape)

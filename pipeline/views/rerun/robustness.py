@@ -12,9 +12,8 @@ from pipeline.views import palette
 from pipeline.views.rerun.labels import log_labels, part
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from pipeline.arrays import FloatArray
 
-    Floats = NDArray[np.float64]
     Bounds = tuple[tuple[float, float], tuple[float, float]]
 
 _WIDTH, _HEIGHT, _GAP, _LEFT = 100.0, 130.0, 16.0, 30.0
@@ -43,10 +42,10 @@ def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
     sizes = robustness["set_size"].unique().sort().to_numpy()
     first, span = np.log10(sizes[0]), max(1e-9, np.log10(sizes[-1] / sizes[0]))
 
-    def up(values: Floats) -> Floats:
+    def up(values: FloatArray) -> FloatArray:
         return np.asarray(_HEIGHT * (1 - (np.log10(values) - low) / (high - low)))
 
-    def across(values: Floats, panel: int) -> Floats:
+    def across(values: FloatArray, panel: int) -> FloatArray:
         return np.asarray(panel * (_WIDTH + _GAP) + _WIDTH * (0.06 + 0.88 * (np.log10(values) - first) / span))
 
     models = tuple(robustness["model"].unique(maintain_order=True))
@@ -80,7 +79,7 @@ def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
     log_labels(recording, "robustness/legend", named, [palette.model_name(m) for m in models], colors=colors)
 
 
-def decades(low: float, high: float) -> Floats:
+def decades(low: float, high: float) -> FloatArray:
     """1, 3, 10, 30 and so on, from the last at or below `low` to the first at or above `high`, both positive."""
     steps = np.array([1.0, 3.0])
     powers = np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)

@@ -12,12 +12,9 @@ from pipeline.views.rerun.labels import drawable, part
 from pipeline.views.rerun.records import TIMELINE
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from pipeline.arrays import FloatArray
     from pipeline.replay.geometry import Geometry, Shape
     from pipeline.views.rerun.records import AlternativeSet, Inspection, Replay
-
-    Floats = NDArray[np.float64]
 
 _ENDLESS_M = 2.0
 # a black arm would be a hole in a dark room
@@ -93,7 +90,7 @@ def alternatives_entity(name: tuple[str, ...]) -> str:
     return "/".join(["scene/alternatives", *(part(branch) for branch in name)])
 
 
-def log_playing(recording: rr.RecordingStream, name: str, path: Floats, time_s: Floats) -> None:
+def log_playing(recording: rr.RecordingStream, name: str, path: FloatArray, time_s: FloatArray) -> None:
     """Log a demonstration's path as it is drawn, and its name at the hand.
 
     Args:

@@ -23,9 +23,7 @@ from pipeline.views.rerun.recording import written_recording
 from pipeline.views.task_summary import DensityCurve, DensityMap
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from pipeline.arrays import FloatArray
 
 SET_NAMES = {"Xi_L": "Ξ_L", "Xi_B": "Ξ_B"}
 PEOPLE = {
@@ -212,7 +210,7 @@ def _log_grid(recording: rr.RecordingStream, tables: StudyTables, name: str) -> 
     log_labels(recording, f"{entity}/names", np.array(marks) + np.array([0.0, 0.3]), ["A", "B", "start", "goal"])
 
 
-def _of_sets(paths: pl.DataFrame, *columns: str) -> dict[str, tuple[Floats, palette.RGB]]:
+def _of_sets(paths: pl.DataFrame, *columns: str) -> dict[str, tuple[FloatArray, palette.RGB]]:
     """(n,) or, of two columns, (n, 2) values of each set."""
     found = {}
     for name, symbol in SET_NAMES.items():
@@ -245,6 +243,6 @@ def _map(tables: StudyTables) -> DensityMap:
     return DensityMap(("φ1", "φ2"), ("range", "range"), x, y, values, np.empty((0, 2)))
 
 
-def _centres(low: pl.Series, high: pl.Series) -> Floats:
-    centres: Floats = (low.to_numpy() + high.to_numpy()) / 2
+def _centres(low: pl.Series, high: pl.Series) -> FloatArray:
+    centres: FloatArray = (low.to_numpy() + high.to_numpy()) / 2
     return centres

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.kernel.fourier import Grid, Sketch
 from pipeline.choice.kernel.subsampled_likelihood import Drawn, drawn_positions, first_of
 from pipeline.choice.kernel.unique_rows import distinct_rows
@@ -21,7 +21,6 @@ from pipeline.errors import BandwidthError
 from pipeline.formats.parquet.partitions import Piece, Scaled
 from pipeline.workspace.compute.executor import Workers
 
-Floats = NDArray[np.float64]
 Rows = Sequence[Piece]
 
 
@@ -59,7 +58,7 @@ class StreamedSet:
         often = groups.counts.astype(np.intp)
         self.drawn = Drawn(groups.rows[first], counts[first], groups.rows, often, counts, nearest)
 
-    def log_sums_of_others(self, points: Floats, sigmas: Floats, negligible: float) -> Floats:
+    def log_sums_of_others(self, points: FloatArray, sigmas: FloatArray, negligible: float) -> FloatArray:
         """See `Reference`."""
         jobs = [(self._features, part, points, sigmas, negligible) for part in self._parts]
         return self._pool.merged(log_sums_of_others_of, jobs, np.logaddexp, f"{self._what}: rows by themselves")
@@ -69,7 +68,7 @@ class StreamedSet:
         jobs = [(self._features, part, grid) for part in self._parts]
         return self._pool.merged(sketch_of, jobs, Sketch.__add__, f"{self._what}: sketch")
 
-    def _at(self, positions: NDArray[np.intp]) -> Floats:
+    def _at(self, positions: IndexArray) -> FloatArray:
         """The rows at some places of the set, which are in order."""
         jobs, before = [], 0
         for part in self._parts:
@@ -80,19 +79,19 @@ class StreamedSet:
         return np.concatenate(list(self._pool.mapped(rows_at, jobs, f"{self._what}: rows")))
 
 
-def rows_at(job: tuple[Scaled, Rows, NDArray[np.intp]]) -> Floats:
+def rows_at(job: tuple[Scaled, Rows, IndexArray]) -> FloatArray:
     """Some rows of a part."""
     features, part, places = job
     return features.read(part)[places]
 
 
-def others_of(job: tuple[Scaled, Rows, Floats]) -> tuple[Floats, Floats]:
+def others_of(job: tuple[Scaled, Rows, FloatArray]) -> tuple[FloatArray, FloatArray]:
     """See `others_in_part`."""
     features, part, points = job
     return others_in_part(points, features.read(part))
 
 
-def log_sums_of_others_of(job: tuple[Scaled, Rows, Floats, Floats, float]) -> Floats:
+def log_sums_of_others_of(job: tuple[Scaled, Rows, FloatArray, FloatArray, float]) -> FloatArray:
     """See `log_sums_of_others_in_part`."""
     features, part, points, sigmas, negligible = job
     return log_sums_of_others_in_part(points, features.read(part), sigmas, negligible)

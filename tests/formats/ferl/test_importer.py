@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError, RecordingError
 from pipeline.formats.ferl.importer import MAX_BYTES, import_ferl
 from pipeline.formats.ferl.python2_pickle import MAX_OPCODES
@@ -31,7 +31,7 @@ def text(data: bytes) -> bytes:
     return b"S" + repr(data)[1:].encode() + b"\n"
 
 
-def array(values: NDArray[np.float64], fortran: bool = False, shape: tuple[int, ...] | None = None) -> bytes:
+def array(values: FloatArray, fortran: bool = False, shape: tuple[int, ...] | None = None) -> bytes:
     axes = b"".join(b"I%d\n" % n for n in (values.shape if shape is None else shape))
     data = text(values.tobytes("F" if fortran else "C"))
     return RECONSTRUCT + b"(I1\n(" + axes + b"t" + DTYPE + b"I%02d\n" % fortran + data + b"tb"

@@ -1,0 +1,16 @@
+"""The types of arrays that functions take and return, by what their elements are; shapes are said where they are used."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+IndexArray: TypeAlias = NDArray[np.intp]
+"""Positions in another array, as `argsort` and `flatnonzero` give them."""
+BoolArray: TypeAlias = NDArray[np.bool_]
+ByteArray: TypeAlias = NDArray[np.uint8]
+ComplexArray: TypeAlias = NDArray[np.complex128]
