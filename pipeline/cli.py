@@ -11,6 +11,7 @@ import typer
 
 from pipeline.commands.sql import Format
 from pipeline.errors import WorkbenchError
+from pipeline.vocabulary import STUDIES
 
 if TYPE_CHECKING:
     from pipeline.workspace.project import Project
@@ -39,7 +40,7 @@ def _tasks() -> list[str]:
 
 
 def _tasks_and_studies() -> list[str]:
-    return [*_tasks(), "studies"]
+    return [*_tasks(), STUDIES]
 
 
 TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.yaml.", autocompletion=_tasks)]
@@ -206,12 +207,12 @@ def inspect(
     if live:
         from pipeline.commands.serve import Live, run_and_serve
 
-        if task == "studies":
+        if task == STUDIES:
             return run_and_serve(
                 _project(), task, Live(bind, port, stay), lambda project, _: inspect_studies.run(project)
             )
         return run_and_serve(_project(), task, Live(bind, port, stay), inspect.run)
-    return inspect_studies.run(_project()) if task == "studies" else inspect.run(_project(), task)
+    return inspect_studies.run(_project()) if task == STUDIES else inspect.run(_project(), task)
 
 
 @app.command(rich_help_panel=STAGES)
@@ -222,7 +223,7 @@ def figures(task: TaskOrStudies) -> None:
     """
     from pipeline.stages.figures import run, run_studies
 
-    return run_studies(_project()) if task == "studies" else run(_project(), task)
+    return run_studies(_project()) if task == STUDIES else run(_project(), task)
 
 
 @app.command(rich_help_panel=STAGES)
@@ -281,7 +282,7 @@ def view(task: TaskOrStudies) -> None:
     from pipeline.views.rerun.recording import open_viewer
 
     project = _project()
-    if task != "studies":
+    if task != STUDIES:
         project.params.task(task)
     open_viewer(project.datasets / task / "inspect.rrd")
 
@@ -301,7 +302,7 @@ def verify(
 
     project = _project()
     sound = True
-    for name in [task] if task else [*project.params.tasks, "studies"]:
+    for name in [task] if task else [*project.params.tasks, STUDIES]:
         found = verify(project, name, sample)
         print("\n".join(found.lines(name)))  # noqa: T201
         sound &= not found.drift

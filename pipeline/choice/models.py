@@ -12,12 +12,13 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
+from pipeline import vocabulary
 from pipeline.arrays import FloatArray
 from pipeline.choice.kernel.bandwidth import METHODS, select_bandwidth
 from pipeline.choice.kernel.density import log_density
@@ -55,7 +56,14 @@ class Model(Protocol):
 
 
 class _Weighing:
-    """What all models share: log weights straight from features."""
+    """What all models share: log weights straight from features. `choice_model` finds every subclass by its name."""
+
+    name: ClassVar[str]
+
+    @classmethod
+    def with_bandwidth(cls, bandwidth: str | float) -> Self:
+        """The model with the kernel's bandwidth, or as it is if it has no kernel."""
+        return cls()
 
     def weigh(self, compared: Any) -> WeightedSet:
         raise NotImplementedError
@@ -85,7 +93,7 @@ class Boltzmann(_Weighing):
     array([0., 0.])
     """
 
-    name: ClassVar[str] = "boltzmann"
+    name: ClassVar[str] = vocabulary.BOLTZMANN
 
     def weigh(self, compared: Any) -> WeightedSet:
         """All weights are one, with or without a joining trajectory."""
@@ -105,7 +113,7 @@ class AttributeRule(_Weighing):
     Source: paper, the attribute rule for trajectories with identical features.
     """
 
-    name: ClassVar[str] = "attribute-rule"
+    name: ClassVar[str] = vocabulary.ATTRIBUTE_RULE
 
     def weigh(self, compared: Any) -> WeightedSet:
         """Weights from the rows that are identical number for number."""
@@ -134,7 +142,12 @@ class LESS(_Weighing):
     """
 
     bandwidth: str | float = "leave-one-out"
-    name: ClassVar[str] = "less"
+    name: ClassVar[str] = vocabulary.LESS
+
+    @classmethod
+    def with_bandwidth(cls, bandwidth: str | float) -> Self:
+        """See `_Weighing`."""
+        return cls(bandwidth)
 
     def __post_init__(self) -> None:
         if not isinstance(self.bandwidth, str):
@@ -173,7 +186,7 @@ class PathSize(_Weighing):
     """
 
     lengths: FloatArray | None = None
-    name: ClassVar[str] = "path-size"
+    name: ClassVar[str] = vocabulary.PATH_SIZE
 
     def __post_init__(self) -> None:
         if self.lengths is not None:
@@ -186,6 +199,22 @@ class PathSize(_Weighing):
         users = np.asarray(incidence.sum(axis=0), dtype=np.float64)
         log_w = read_only(log_path_sizes(incidence, lengths, users))
         return WeightedSet(log_w, partial(_path_size_joined, incidence, lengths, users))
+
+
+def choice_model(name: str, bandwidth: str | float) -> Model:
+    """The model that tables and parameters call `name`.
+
+    Args:
+        name: one of those in `pipeline.vocabulary`.
+        bandwidth: of the kernel, in scaled features, or how to select it; models without a kernel need none.
+
+    Raises:
+        ArgumentError: there is no model of that name.
+    """
+    models = {model.name: model for model in _Weighing.__subclasses__()}
+    if name not in models:
+        raise ArgumentError(f"there is no model {name!r}; there are {one_of(models)}.")
+    return models[name].with_bandwidth(bandwidth)
 
 
 def _attribute_rule_joined(rows: FloatArray, log_w: FloatArray, row: Any) -> tuple[FloatArray, float]:

@@ -24,7 +24,10 @@ from pipeline.choice.log_sum_exp import LogSumExp, log_likelihood_joined, partia
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.validation import matrix
 from pipeline.errors import ArgumentError
+from pipeline.vocabulary import BOLTZMANN, LESS
 
+STREAMED_MODELS = (BOLTZMANN, LESS)
+"""The models whose likelihoods are sums over parts of a set."""
 _JOINED = 4_000_000  # joined weights that are held at once: 32 MB
 
 

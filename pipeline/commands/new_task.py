@@ -11,6 +11,7 @@ from pipeline import params
 from pipeline.errors import ParameterError
 from pipeline.formats.files.atomic import written_whole
 from pipeline.replay.scene import Scene, load_scene
+from pipeline.vocabulary import DEMONSTRATION_ANCHOR, RESERVED_FOLDERS, TASK_ANCHOR
 from pipeline.workspace.project import Project
 
 
@@ -30,7 +31,7 @@ def add_task(project: Project, name: str, scene: Path, recordings: Path, end_eff
     """
     if name in project.params.tasks:
         raise ParameterError(f"there is a task {name!r} already in {params.FILE}; choose another name")
-    if name in params.RESERVED:
+    if name in RESERVED_FOLDERS:
         raise ParameterError(f"a task cannot be called {name!r}, since datasets/{name} is taken; choose another name")
     if not any(recordings.glob("*.mcap")):
         raise ParameterError(f"--recordings is {recordings}: there is no .mcap file in it; name a folder that has some")
@@ -73,7 +74,7 @@ def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:
         "end_effector": scene.end_effector,
         "surface": scene.box_sites()[0] if len(scene.box_sites()) == 1 else None,
         "recordings": recordings,
-        "anchor": "demonstration" if scene.start is None or scene.goal is None else "task",
+        "anchor": DEMONSTRATION_ANCHOR if scene.start is None or scene.goal is None else TASK_ANCHOR,
         "features": terms,
         "preferences": {name: dict(spec) for name, spec in terms.items()},
         "thetas": "grid",

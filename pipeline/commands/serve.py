@@ -16,7 +16,8 @@ from pipeline.views.rerun.layout import layout
 from pipeline.views.rerun.recording import log_inspection
 from pipeline.views.rerun.server import LOOPBACK, PORT, Address, claim, open_beside, served
 from pipeline.views.rerun.studies import log_studies, studies_layout
-from pipeline.workspace.project import STUDIES, Project
+from pipeline.vocabulary import STUDIES
+from pipeline.workspace.project import Project
 from pipeline.workspace.scenes import load_task_scene
 
 

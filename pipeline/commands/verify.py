@@ -19,13 +19,14 @@ import polars as pl
 from pipeline import params
 from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice import log_density, log_likelihood, posterior_from
+from pipeline.choice.models import choice_model
 from pipeline.errors import StageError, TableError, WorkbenchError
 from pipeline.formats.parquet.tables import part_rows, read_part, read_provenance, read_table
 from pipeline.replay.features import bind_features
 from pipeline.replay.scene import model_hash, scene_files
-from pipeline.stages.infer import choice_model
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.workspace.project import STUDIES, Project
+from pipeline.vocabulary import ALL, STUDIES, TASK_ANCHOR
+from pipeline.workspace.project import Project
 from pipeline.workspace.provenance import content_hash
 from pipeline.workspace.scenes import load_task_scene
 
@@ -284,7 +285,7 @@ def _choice_sets(
     names, scale = scales["feature"].to_list(), scales["scale"].to_numpy()
     features = pl.scan_parquet(project.table(name, "features"))
     for anchor in anchors:
-        mine = chosen if anchor == "task" else [one for one in chosen if one == anchor]
+        mine = chosen if anchor == TASK_ANCHOR else [one for one in chosen if one == anchor]
         if not mine:
             continue
         demonstrations = features.filter(pl.col("kind") == "demonstration", pl.col("id").is_in(mine)).collect()
@@ -308,9 +309,9 @@ def _choice_sets(
 
 
 def _of(people: pl.DataFrame, demonstration_id: str, participant: str) -> list[str]:
-    if demonstration_id != "all":
+    if demonstration_id != ALL:
         return [demonstration_id]
-    rows = people if participant == "all" else people.filter(participant=participant)
+    rows = people if participant == ALL else people.filter(participant=participant)
     return rows["demonstration_id"].to_list()
 
 

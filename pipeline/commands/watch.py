@@ -18,6 +18,7 @@ import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.choice import Posterior, entropy, log_likelihood, posterior_from
+from pipeline.choice.models import choice_model
 from pipeline.commands.serve import Live, announce, claimed, interrupted, say
 from pipeline.errors import RecordingError, StageError, WorkbenchError
 from pipeline.formats.files.atomic import folder_written_whole
@@ -33,13 +34,13 @@ from pipeline.stages import infer, ingest
 from pipeline.stages.ingest import LONGEST_NAME, REJECTED, demonstration
 from pipeline.stages.inspect import PATHS
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.views import palette
 from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
 from pipeline.views.rerun.records import AlternativeSet, Replay
 from pipeline.views.rerun.server import require_listening, server
 from pipeline.views.task_summary import density_map, replay_samples, theta_labels, theta_meaning
 from pipeline.views.task_view import ALTERNATIVE, read_columns, read_waypoints
-from pipeline.workspace.project import WORKING, Project, recorded_run
+from pipeline.vocabulary import TASK_ANCHOR, WORKING, model_name
+from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
 
@@ -122,7 +123,7 @@ class Belief:
         phi, alternatives = raw / setting.scale, setting.raw / setting.scale
         self.log_likelihoods[key] = {
             label: log_likelihood(
-                infer.choice_model(label, setting.bandwidth), phi, alternatives, setting.thetas, setting.betas
+                choice_model(label, setting.bandwidth), phi, alternatives, setting.thetas, setting.betas
             )[0]
             for label in self.models
         }
@@ -217,7 +218,7 @@ def read_setting(project: Project, name: str) -> Setting:
         TableError: a table is missing or not what it should be.
     """
     task = project.params.task(name)
-    if task.anchor != "task":
+    if task.anchor != TASK_ANCHOR:
         raise StageError(
             f"tasks.{name}.anchor is {task.anchor!r}: each demonstration needs alternatives of its own, which new ones do "
             "not have yet; set it to task, or run `dvc repro` after each recording"
@@ -338,7 +339,7 @@ def _lines(belief: Belief) -> list[str]:
     for model, posterior in belief.posteriors().items():
         best, left = posterior.map_index, np.exp(entropy(posterior.marginal_theta))
         found.append(
-            f"{palette.model_name(model)} {labels[best]} (P {posterior.marginal_theta[best]:.3f}, {left:.1f} of "
+            f"{model_name(model)} {labels[best]} (P {posterior.marginal_theta[best]:.3f}, {left:.1f} of "
             f"{len(thetas)} thetas left)"
         )
     return found

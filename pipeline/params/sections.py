@@ -2,23 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StrictBool, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StrictBool,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from pipeline.errors import ParameterError, one_of
+from pipeline.vocabulary import (
+    DEFORMATION,
+    DEMONSTRATION_ANCHOR,
+    GIVEN,
+    INFERRED_MODELS,
+    MIXTURE,
+    PLANNER,
+    RESERVED_FOLDERS,
+    TASK_ANCHOR,
+    VIA_POINT,
+)
 from schemas import schema
 
 FILE = "params.yaml"
-RESERVED = ("robots", "scenes", "studies")  # folders of datasets/ that belong to no task
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(strict=True, ge=0, le=1)]
 Cell = Annotated[int, Field(strict=True, ge=0, le=10)]
 Finite = Annotated[float, Field(strict=True, ge=-1e9, le=1e9, allow_inf_nan=False)]
+
+
+def _word_of(words: Iterable[str]) -> BeforeValidator:
+    """A check like that of `Literal`, with the same message, for words that are listed in the vocabulary."""
+    allowed = tuple(words)
+    listed = f"{', '.join(repr(word) for word in allowed[:-1])} or {allowed[-1]!r}"
+
+    def check(value: object) -> object:
+        if value not in allowed:
+            raise PydanticCustomError("literal_error", f"Input should be {listed}")
+        return value
+
+    return BeforeValidator(check)
+
+
+AnchorWord = Annotated[str, _word_of((TASK_ANCHOR, DEMONSTRATION_ANCHOR))]
+ModelWord = Annotated[str, _word_of(INFERRED_MODELS)]
+SamplerWord = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE, GIVEN))]
+SamplerKind = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE))]
 
 
 def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
@@ -47,7 +86,7 @@ class Task(_Section):
     end_effector: str
     surface: str | None
     recordings: str
-    anchor: Literal["task", "demonstration"]
+    anchor: AnchorWord
     features: Specs
     preferences: Specs
     thetas: Literal["grid"] | tuple[tuple[Finite, ...], ...]
@@ -121,15 +160,15 @@ class Sample(_Section):
     sizes: Annotated[tuple[Annotated[int, Field(strict=True, ge=2)], ...], Field()]
     sets: Annotated[int, Field(strict=True, ge=0, le=1000)]
     working_set: Annotated[int, Field(strict=True, ge=2)]
-    sampler: Literal["deformation", "via-point", "planner", "mixture", "given"]
+    sampler: SamplerWord
     given: str | None
     deformation: Deformation
-    via_point: Annotated[ViaPoint, Field(alias="via-point")]
+    via_point: Annotated[ViaPoint, Field(alias=VIA_POINT)]
     planner: Planner
 
     @model_validator(mode="after")
     def _given_if_asked_for(self) -> Sample:
-        if (self.sampler == "given") != (self.given is not None):
+        if (self.sampler == GIVEN) != (self.given is not None):
             raise ValueError(
                 f"sampler is {self.sampler} and given is {self.given}; the sampler `given` needs a file in `given`, the "
                 "others need null there"
@@ -165,7 +204,7 @@ class Density(_Section):
 class Infer(_Section):
     """The hypotheses and the models that are compared."""
 
-    models: Annotated[tuple[Literal["boltzmann", "less", "attribute-rule"], ...], Field(min_length=1)]
+    models: Annotated[tuple[ModelWord, ...], Field(min_length=1)]
     theta_values: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
     betas: Annotated[tuple[Positive, ...], Field(min_length=1)]
 
@@ -178,7 +217,7 @@ class Infer(_Section):
 class ShiftedSampler(_Section):
     """One of the samplers that the alternatives come from under sampler shift."""
 
-    kind: Literal["deformation", "via-point", "planner", "mixture"]
+    kind: SamplerKind
     width_rad: Positive | None = None
     reach_rad: Positive | None = None
     paths: Annotated[int, Field(strict=True, ge=1, le=10_000)] | None = None
@@ -186,7 +225,7 @@ class ShiftedSampler(_Section):
 
     @model_validator(mode="after")
     def _settings_of_its_kind(self) -> ShiftedSampler:
-        needed = {"deformation": "width_rad", "via-point": "reach_rad", "planner": "paths", "mixture": "of"}[self.kind]
+        needed = {DEFORMATION: "width_rad", VIA_POINT: "reach_rad", PLANNER: "paths", MIXTURE: "of"}[self.kind]
         given = sorted(self.model_dump(exclude={"kind"}, exclude_none=True))
         if given != [needed]:
             raise ValueError(f"a sampler of kind {self.kind} takes {needed} alone, got {', '.join(given) or 'nothing'}")
@@ -211,7 +250,7 @@ class Robustness(_Section):
 
     @model_validator(mode="after")
     def _names_and_numbers(self) -> Robustness:
-        simple = [name for name, sampler in self.samplers.items() if sampler.kind != "mixture"]
+        simple = [name for name, sampler in self.samplers.items() if sampler.kind != MIXTURE]
         for name, sampler in self.samplers.items():
             unknown = sorted(set(sampler.of or ()) - set(simple))
             if unknown:
@@ -277,7 +316,7 @@ class Params(_Section):
     @model_validator(mode="after")
     def _across_sections(self) -> Params:
         for name in self.tasks:
-            if name in RESERVED:
+            if name in RESERVED_FOLDERS:
                 raise ValueError(
                     f"tasks.{name}: a task cannot be called {name!r}, as datasets/{name} is something else"
                 )

@@ -7,14 +7,15 @@ from pathlib import Path
 from pipeline.formats.duckdb.catalog import SourceFile, build_catalog
 from pipeline.formats.parquet.foreign_keys import check_references, check_table
 from pipeline.formats.parquet.tables import read_provenance
-from pipeline.workspace.project import STUDIES, Project, recorded_run
+from pipeline.vocabulary import ALL, STUDIES
+from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import content_hash
 from schemas import names
 
 
 def run(project: Project) -> None:
     """Write datasets/catalog.duckdb from every table that is there."""
-    with recorded_run(project, "catalog", "all") as record:
+    with recorded_run(project, "catalog", ALL) as record:
         tables: dict[str, list[tuple[str | None, Path]]] = {}
         for name in names():
             files = [(task, project.table(task, name)) for task in (*project.params.tasks, STUDIES)]

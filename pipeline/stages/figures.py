@@ -27,8 +27,9 @@ from pipeline.views.headline import Numbers, studies_headline, task_headline
 from pipeline.views.intervals import compare_models, differences, with_mean_intervals, with_share_intervals
 from pipeline.views.robustness import accuracy, entropies, example, middle_size
 from pipeline.views.task_view import task_view
+from pipeline.vocabulary import KNOWN_DENSITY, STUDIES, WORKING
 from pipeline.workspace.progress import tracked
-from pipeline.workspace.project import STUDIES, WORKING, Project, recorded_run
+from pipeline.workspace.project import Project, recorded_run
 
 ROBUSTNESS = (
     "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity", "sensitivity_summary",
@@ -96,7 +97,7 @@ def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], mea
             tables["sensitivity_summary"].filter(set_size=size), entropies(tables["sensitivity"].filter(set_size=size))
         ),
     }
-    if "known-density" in summary["regime"]:
+    if KNOWN_DENSITY in summary["regime"]:
         alike = pl.col("model").is_in(COMPARED)
         figures["importance"] = importance_figure(summary.filter(alike), truth.filter(alike), sets)
     if truth.height:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pipeline.formats.parquet.tables import write_table
 from pipeline.studies.grid_world.study import run_grid_world
 from pipeline.studies.grid_world.trials import GridWorldSettings
-from pipeline.workspace.project import STUDIES, Project, recorded_run
+from pipeline.vocabulary import STUDIES
+from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 
 

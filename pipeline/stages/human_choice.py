@@ -9,7 +9,8 @@ import polars as pl
 from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import write_table
 from pipeline.studies.human_choice import analyse_choices, compare_with_paper
-from pipeline.workspace.project import STUDIES, Project, recorded_run
+from pipeline.vocabulary import STUDIES
+from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 
 

@@ -15,14 +15,15 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
-from pipeline.choice import LESS, AttributeRule, Boltzmann, held_out_from, log_likelihood, posterior_from, theta_grid
-from pipeline.choice.models import Model
-from pipeline.choice.streaming import JoinedSums, joined_sums
+from pipeline.choice import held_out_from, log_likelihood, posterior_from, theta_grid
+from pipeline.choice.models import choice_model
+from pipeline.choice.streaming import STREAMED_MODELS, JoinedSums, joined_sums
 from pipeline.errors import StageError
 from pipeline.formats.parquet.foreign_keys import check_references, check_table
 from pipeline.formats.parquet.partitions import PARTITIONS, Contents, Piece, Scaled, SetRows, contents, cut, read_pieces
 from pipeline.formats.parquet.tables import GROUPS, part_rows, read_part, read_table, write_table
 from pipeline.params import Infer, Task
+from pipeline.vocabulary import ALL, BOLTZMANN, LESS, TASK_ANCHOR
 from pipeline.workspace.compute.executor import Workers, workers
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
@@ -52,7 +53,7 @@ class Question:
 
     def of(self, anchor: str) -> list[int]:
         """Which demonstrations alternatives with this anchor are compared with: all, or its own."""
-        return [row for row, key in enumerate(self.ids) if anchor in ("task", key)]
+        return [row for row, key in enumerate(self.ids) if anchor in (TASK_ANCHOR, key)]
 
     def unknown(self) -> FloatArray:
         """(n, K, B) of NaN."""
@@ -116,14 +117,6 @@ def hypotheses(task: Task, settings: Infer) -> np.ndarray:
     if task.thetas != "grid":
         return np.array(task.thetas, dtype=np.float64)
     return theta_grid([settings.theta_values] * len(task.features))
-
-
-def choice_model(label: str, bandwidth: float) -> Model:
-    """The model that params.yaml calls `label`; `bandwidth` is that of the set, in scaled features."""
-    models: dict[str, Model] = {
-        "boltzmann": Boltzmann(), "less": LESS(bandwidth=bandwidth), "attribute-rule": AttributeRule(),
-    }  # fmt: skip
-    return models[label]
 
 
 def _question(
@@ -190,9 +183,10 @@ def _streamed(
     known: Mapping[tuple[str, int, str], SetRows], sigmas: Mapping[tuple[str, int, str], float], partition: int, what: str,
 ) -> dict[str, FloatArray]:  # fmt: skip
     """(n, K, B) under each model, each set a fold over its parts."""
-    if "attribute-rule" in question.models:
+    whole = [label for label in question.models if label not in STREAMED_MODELS]
+    if whole:
         raise StageError(
-            f"infer.models lists attribute-rule, which compares every alternative with all others, and the set "
+            f"infer.models lists {whole[0]}, which compares every alternative with all others, and the set "
             f"{sets[0].set_id!r} of {sets[0].rows:,} is larger than compute.partition ({partition:,}); leave that model out, "
             "or make the partition larger"
         )
@@ -224,7 +218,7 @@ def part_sums(part: Part) -> dict[str, JoinedSums]:
         )
     phi = question.demonstrations[question.of(part.anchor)]
     alternatives = rows.select(question.features.names).to_numpy() / question.features.scale
-    weights = {"less": own["log_density"].to_numpy(), "boltzmann": None}
+    weights = {LESS: own["log_density"].to_numpy(), BOLTZMANN: None}
     return {
         label: joined_sums(
             alternatives, phi, question.thetas, question.betas, phi.mean(axis=0), weights[label], part.sigma
@@ -252,8 +246,8 @@ def groups_of(people: pl.DataFrame) -> list[Group]:
     for row, (demonstration_id, participant) in enumerate(people.iter_rows()):
         singles.append((demonstration_id, participant, [row]))
         rows.setdefault(participant, []).append(row)
-    several = [("all", participant, of) for participant, of in rows.items() if 1 < len(of) < len(singles)]
-    return [*singles, *several, ("all", "all", list(range(len(singles))))]
+    several = [(ALL, participant, of) for participant, of in rows.items() if 1 < len(of) < len(singles)]
+    return [*singles, *several, (ALL, ALL, list(range(len(singles))))]
 
 
 def posterior_rows(groups: Sequence[Group], values: FloatArray, thetas: FloatArray, betas: FloatArray) -> pl.DataFrame:

@@ -17,12 +17,12 @@ from pipeline.formats.parquet.tables import write_table
 from pipeline.params import Ingest
 from pipeline.replay.scene import Scene, model_hash, scene_files
 from pipeline.trajectories.timebase import demonstration_waypoints
+from pipeline.vocabulary import RESERVED_IDS
 from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
 
-RESERVED = ("all", "task")  # what demonstration_id and anchor say of no single demonstration
 LONGEST_NAME = 200  # characters
 LONGEST_THETA = 10_000  # characters
 LARGEST_WEIGHT = 1e9
@@ -117,7 +117,7 @@ def demonstration(file: Path, scene: Scene, settings: Ingest) -> dict[str, Any]:
 
 
 def _check_name(whose: str, name: str, remedy: str) -> None:
-    if name in RESERVED:
+    if name in RESERVED_IDS:
         raise rejection(
             "reserved-name", f"{whose} cannot be called {name}, which tables use for all of them; {remedy}."
         )

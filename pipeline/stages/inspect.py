@@ -19,10 +19,11 @@ from pipeline.views.rerun.recording import write_inspection
 from pipeline.views.rerun.records import AlternativeSet, FeatureSpace, Inspection, Replay
 from pipeline.views.task_summary import replay_samples
 from pipeline.views.task_view import TaskView, read_waypoints, task_view
-from pipeline.workspace.project import WORKING, Project, recorded_run
+from pipeline.vocabulary import BOLTZMANN, INDEPENDENT, LESS, SAMPLER_SHIFT, SINGLE, TASK_ANCHOR, WORKING
+from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.scenes import load_task_scene
 
-REGIMES, MODELS = ("independent", "sampler-shift"), ("boltzmann", "less")
+REGIMES, MODELS = (INDEPENDENT, SAMPLER_SHIFT), (BOLTZMANN, LESS)
 PATHS = 150  # of one set that are drawn; more hide each other and the scene
 POINTS = 2000  # alternatives in the cube of three features
 AXES = 3
@@ -120,7 +121,7 @@ def _robustness(project: Project, name: str) -> pl.DataFrame | None:
     if not path.exists():
         return None
     rows = read_table(path, "robustness_summary").filter(
-        pl.col("regime").is_in(REGIMES) & pl.col("model").is_in(MODELS), demonstrations="single"
+        pl.col("regime").is_in(REGIMES) & pl.col("model").is_in(MODELS), demonstrations=SINGLE
     )
     return rows if rows.height and (rows["value"] > 0).all() else None
 
@@ -134,7 +135,9 @@ def _replay(scene: Scene, paths: FloatArray, durations_s: FloatArray) -> Replay:
 def _anchored(view: TaskView) -> str:
     anchor = view.alternatives["anchor"][0]
     return (
-        "" if anchor == "task" else f"; each demonstration has its own, drawn and summed up here are those of {anchor}"
+        ""
+        if anchor == TASK_ANCHOR
+        else f"; each demonstration has its own, drawn and summed up here are those of {anchor}"
     )
 
 

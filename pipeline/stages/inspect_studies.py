@@ -7,7 +7,8 @@ import polars as pl
 from pipeline.formats.parquet.tables import read_table
 from pipeline.views.findings import findings
 from pipeline.views.rerun.studies import StudyTables, write_studies
-from pipeline.workspace.project import STUDIES, Project, recorded_run
+from pipeline.vocabulary import LESS, LESS_HIDDEN_OWN_BANDWIDTH, STUDIES
+from pipeline.workspace.project import Project, recorded_run
 
 
 def run(project: Project) -> None:
@@ -51,7 +52,7 @@ def _text(project: Project) -> str:
         lines += [f"**{row['hypothesis']}** {row['claim']}: **{row['outcome']}**. {row['numbers']}.", ""]
     lines += [
         f"Grid of {grid.size} x {grid.size} cells, beta {grid.beta:g}, {grid.demonstrations} paths per set, {grid.seeds} sets "
-        f"per theta; bandwidth {bandwidths['less']:.4f} of the features' range, {bandwidths['less-hidden-own-bandwidth']:.4f} "
+        f"per theta; bandwidth {bandwidths[LESS]:.4f} of the features' range, {bandwidths[LESS_HIDDEN_OWN_BANDWIDTH]:.4f} "
         "selected anew.",
         "",
         "Tables: `datasets/studies/*.parquet`; all numbers beside the paper's: `docs/results.md`.",

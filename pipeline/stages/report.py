@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pipeline.views.report.contents import report
 from pipeline.views.report.html import write_report
+from pipeline.vocabulary import ALL
 from pipeline.workspace.project import Project, recorded_run
 
 
 def run(project: Project) -> None:
     """Write datasets/report.html from the catalog, the figures and the headline numbers."""
-    with recorded_run(project, "report", "all") as record:
+    with recorded_run(project, "report", ALL) as record:
         size = write_report(project.datasets / "report.html", report(project))
         record.produced = f"{size / 1e6:.1f} MB"

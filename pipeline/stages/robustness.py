@@ -21,19 +21,13 @@ from pipeline.stages.infer import hypotheses
 from pipeline.studies.robustness.divergence import true_direction
 from pipeline.studies.robustness.duplicates import Duplication, inject_duplicates
 from pipeline.studies.robustness.problem import ChoiceSets, Demonstrations, Problem
-from pipeline.studies.robustness.samplings import (
-    COMPARED,
-    INDEPENDENT,
-    KNOWN_DENSITY,
-    SHIFT,
-    RobustnessResult,
-    compare_samplings,
-)
+from pipeline.studies.robustness.samplings import COMPARED, RobustnessResult, compare_samplings
 from pipeline.studies.robustness.sensitivity import vary_choices
 from pipeline.studies.robustness.tests import ANOVA, POST_HOC, analyse_regime, summarise
 from pipeline.trajectories.random_streams import child_rng
+from pipeline.vocabulary import INDEPENDENT, KNOWN_DENSITY, SAMPLER_SHIFT, WORKING
 from pipeline.workspace.progress import tracked
-from pipeline.workspace.project import WORKING, Project, Run, recorded_run
+from pipeline.workspace.project import Project, Run, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
 
@@ -87,7 +81,7 @@ def _tables(
         _demonstrations(people, own, features.names, scale),
         {
             INDEPENDENT: _choice_sets(alternatives, features.names, scale),
-            SHIFT: _choice_sets(shifted, features.names, scale),
+            SAMPLER_SHIFT: _choice_sets(shifted, features.names, scale),
         },
         hypotheses(task, project.params.infer),
         np.array(project.params.infer.betas),
@@ -128,7 +122,7 @@ def _tables(
 def _statistics(result: RobustnessResult, record: Run) -> dict[str, pl.DataFrame]:
     found = [
         analyse_regime(result.robustness.filter(pl.col("model").is_in(COMPARED)), regime)
-        for regime in (INDEPENDENT, SHIFT, KNOWN_DENSITY)
+        for regime in (INDEPENDENT, SAMPLER_SHIFT, KNOWN_DENSITY)
         if regime in result.robustness["regime"]
     ]
     effects = [tests[0] for tests in found if tests is not None]

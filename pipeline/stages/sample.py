@@ -22,8 +22,9 @@ from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Deformation, Draw, Mixture, Planner, Sampler, Tally, ViaPoint
 from pipeline.trajectories.timebase import to_branch
+from pipeline.vocabulary import DEFORMATION, GIVEN, PLANNER, TASK_ANCHOR, VIA_POINT, WORKING
 from pipeline.workspace.compute.executor import workers
-from pipeline.workspace.project import WORKING, Project, recorded_run
+from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import SceneFile, load_task_scene, loaded, scene_file
 
@@ -132,8 +133,8 @@ def _given(project: Project, name: str, planning: Planning, anchors: Mapping[str
         rng = child_rng(project.params.seed, "sample", name, label, size, set_id)
         chosen = rng.choice(len(pool), size, replace=False)
         for first, count in cut(size, partition):
-            tally = Tally("given", count, 0, 0)
-            draw = Draw(pool[chosen[first : first + count]], ("given",) * count, (tally,))
+            tally = Tally(GIVEN, count, 0, 0)
+            draw = Draw(pool[chosen[first : first + count]], (GIVEN,) * count, (tally,))
             yield (label, size, set_id), alternative_rows(draw, label, size, set_id, first), draw.tallies
 
 
@@ -146,8 +147,8 @@ def depends_on(project: Project, name: str) -> list[object]:
 
 def sampling_anchors(planning: Planning, demonstrations: pl.DataFrame) -> dict[str, Anchor]:
     """Where the alternatives start and end: the task's start and goal, or each demonstration's own."""
-    if planning.task.anchor == "task":
-        return {"task": planning.anchor}
+    if planning.task.anchor == TASK_ANCHOR:
+        return {TASK_ANCHOR: planning.anchor}
     paths = demonstrations["waypoints"].to_numpy()
     ids = demonstrations["demonstration_id"].to_list()
     return {key: Anchor(path[0], path[-1]) for key, path in zip(ids, paths, strict=True)}
@@ -186,12 +187,12 @@ def _sets(settings: Sample) -> Iterator[tuple[int, str]]:
 def _sampler(planning: Planning, settings: Sample, anchor: Anchor, seed: int, name: str) -> Sampler:
     deformation = Deformation(settings.deformation.width_rad, settings.deformation.modes)
     via_point = ViaPoint(settings.via_point.reach_rad)
-    if settings.sampler == "deformation":
+    if settings.sampler == DEFORMATION:
         return deformation
-    if settings.sampler == "via-point":
+    if settings.sampler == VIA_POINT:
         return via_point
     planner = planned_sampler(planning, settings, anchor, settings.planner.paths, (seed, "planner", name))
-    return planner if settings.sampler == "planner" else Mixture((deformation, via_point, planner), (1.0, 1.0, 1.0))
+    return planner if settings.sampler == PLANNER else Mixture((deformation, via_point, planner), (1.0, 1.0, 1.0))
 
 
 def planned_sampler(

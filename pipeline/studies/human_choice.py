@@ -84,7 +84,7 @@ def compare_with_paper(study: HumanChoiceStudy) -> pl.DataFrame:
     """
     counts = [
         study.control["count"].to_list(),
-        study.predictions.filter(_rows_of("options"), model="less")["count"].to_list(),
+        study.predictions.filter(_rows_of("options"), model=LESS.name)["count"].to_list(),
     ]
     if counts != [[19, 21], [15, 5, 12, 5]] or study.control["group"].to_list() != ["left", "right"]:
         raise TableError(
@@ -117,14 +117,14 @@ _MISPRINT = (
     "the paper's 1 degree of freedom is a misprint: four options have 3, and the paper's p values are those of 3"
 )
 _PAPER: dict[tuple[str, str], dict[str, str]] = {
-    ("groups", "boltzmann"): {
+    ("groups", Boltzmann.name): {
         "predicted": "0.23", "chi_square": "6.27", "degrees_of_freedom": "1", "minimum_epsilon": "0.39",
     },
-    ("groups", "less"): {
+    ("groups", LESS.name): {
         "predicted": "0.475", "chi_square": "0.72", "degrees_of_freedom": "1", "p_value": "0.4", "minimum_epsilon": "0.22",
     },
-    ("options", "boltzmann"): {"chi_square": "9.72", "degrees_of_freedom": "1", "minimum_epsilon": "0.36"},
-    ("options", "less"): {
+    ("options", Boltzmann.name): {"chi_square": "9.72", "degrees_of_freedom": "1", "minimum_epsilon": "0.36"},
+    ("options", LESS.name): {
         "chi_square": "5.76", "degrees_of_freedom": "1", "p_value": "0.12", "minimum_epsilon": "0.29",
     },
 }  # fmt: skip

@@ -25,6 +25,7 @@ from pipeline.trajectories.paths import (
     straight_path,
     within_limits,
 )
+from pipeline.vocabulary import DEFORMATION, MIXTURE, PLANNER, VIA_POINT
 
 __all__ = [
     "Anchor",
@@ -70,7 +71,7 @@ class Deformation:
     width_rad: float = 0.3
     modes: int = 5
     decay: float = 2.0
-    name: str = "deformation"
+    name: str = DEFORMATION
 
     def __post_init__(self) -> None:
         require_positive("width_rad", self.width_rad)
@@ -123,7 +124,7 @@ class ViaPoint:
 
     reach_rad: float = 0.75
     when: tuple[float, float] = (0.3, 0.7)
-    name: str = "via-point"
+    name: str = VIA_POINT
 
     def __post_init__(self) -> None:
         require_positive("reach_rad", self.reach_rad)
@@ -153,7 +154,7 @@ class Planner:
 
     paths: FloatArray
     deformation: Deformation = Deformation(0.1)
-    name: str = "planner"
+    name: str = PLANNER
 
     def __post_init__(self) -> None:
         paths = frozen(self.paths)
@@ -186,7 +187,7 @@ class Mixture:
 
     samplers: tuple[Sampler, ...]
     weights: tuple[float, ...]
-    name: str = "mixture"
+    name: str = MIXTURE
 
     def __post_init__(self) -> None:
         if not self.samplers or len(self.samplers) != len(self.weights):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import polars as pl
 
+from pipeline.vocabulary import BOLTZMANN, LESS, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH, model_name
+
 ALPHA = 0.05
 _HIDDEN = {
-    "less-hidden": "LESS people also see mean x and mean y, bandwidth kept",
-    "less-hidden-own-bandwidth": "LESS people also see mean x and mean y, bandwidth selected anew",
+    LESS_HIDDEN: "LESS people also see mean x and mean y, bandwidth kept",
+    LESS_HIDDEN_OWN_BANDWIDTH: "LESS people also see mean x and mean y, bandwidth selected anew",
 }
 
 
@@ -26,9 +28,7 @@ def findings(tests: pl.DataFrame, hypotheses: pl.DataFrame) -> pl.DataFrame:
 
 
 def _human_choice(tests: pl.DataFrame) -> list[tuple[str, str, str, str]]:
-    boltzmann, less = (
-        tests.filter(comparison="groups", model=model).row(0, named=True) for model in ("boltzmann", "less")
-    )
+    boltzmann, less = (tests.filter(comparison="groups", model=model).row(0, named=True) for model in (BOLTZMANN, LESS))
     differs = boltzmann["p_value"] < ALPHA
     tighter = less["minimum_epsilon"] < boltzmann["minimum_epsilon"]
     fits = less["p_value"] >= ALPHA
@@ -50,10 +50,9 @@ def _fit(test: dict[str, float]) -> str:
 
 
 def _grid_world(row: dict[str, object]) -> tuple[str, str, str, str]:
-    names = {"boltzmann": "Boltzmann", "less": "LESS"}
-    expected, other = names[str(row["expected"])], names[str(row["other"])]
+    expected, other = model_name(str(row["expected"])), model_name(str(row["other"]))
     sampling = str(row["sampling_model"])
-    people = _HIDDEN.get(sampling) or f"{names[sampling]} people"
+    people = _HIDDEN.get(sampling) or f"{model_name(sampling)} people"
     numbers = (
         f"TruePosterior {row['posterior_expected']:.2f} against {row['posterior_other']:.2f}, {_p(row['posterior_p_value'])}; "
         f"TrueMatch {row['match_expected']:.2f} against {row['match_other']:.2f}, {_p(row['match_p_value'])}"

@@ -9,13 +9,14 @@ import numpy as np
 import polars as pl
 
 from pipeline.choice import entropy
+from pipeline.vocabulary import INDEPENDENT, SAMPLER_SHIFT, SINGLE
 
 if TYPE_CHECKING:
     from pipeline.choice import Posterior
 
 Numbers = dict[str, "float | str | Numbers"]
 _DIGITS = 6
-KL_REGIMES = ("independent", "sampler-shift")
+KL_REGIMES = (INDEPENDENT, SAMPLER_SHIFT)
 
 
 def task_headline(
@@ -53,7 +54,7 @@ def task_headline(
         if scores.size:
             of_model["held_out"] = _short(scores.mean())
         if summary is not None:
-            of_model["kl_aggregate"] = _divergences(summary.filter(model=model, demonstrations="single"))
+            of_model["kl_aggregate"] = _divergences(summary.filter(model=model, demonstrations=SINGLE))
         numbers[model] = of_model
     return numbers
 

@@ -9,6 +9,7 @@ from scipy.special import betaincinv, ndtri
 
 from pipeline.choice import HeldOutScore, compare_held_out
 from pipeline.errors import ArgumentError
+from pipeline.vocabulary import BOLTZMANN
 
 if TYPE_CHECKING:
     from pipeline.arrays import FloatArray
@@ -77,7 +78,7 @@ def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:
         str(model): HeldOutScore(rows.sort("demonstration_id")["log_predictive"].to_numpy())
         for (model,), rows in held_out.group_by("model", maintain_order=True)
     }
-    reference = scores.get("boltzmann")
+    reference = scores.get(BOLTZMANN)
     rows = []
     for model, score in scores.items():
         over = None if reference is None or score is reference else compare_held_out(score, reference)
@@ -97,9 +98,9 @@ def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:
 def differences(held_out: pl.DataFrame) -> pl.DataFrame:
     """Per demonstration and model other than Boltzmann: `demonstration_id`, `model`, `difference` to Boltzmann (nats)."""
     keys = ["demonstration_id", "set_size", "set_id"]
-    reference = held_out.filter(model="boltzmann").select(*keys, reference="log_predictive")
+    reference = held_out.filter(model=BOLTZMANN).select(*keys, reference="log_predictive")
     return (
-        held_out.filter(pl.col("model") != "boltzmann")
+        held_out.filter(pl.col("model") != BOLTZMANN)
         .join(reference, on=keys, maintain_order="left")
         .select("demonstration_id", "model", difference=pl.col("log_predictive") - pl.col("reference"))
     )

@@ -1,4 +1,4 @@
-"""The colours of every picture, in the viewer and on paper, and the models' names: apart for colour-blind readers too.
+"""The colours of every picture, in the viewer and on paper: apart for colour-blind readers too.
 
 Qualitative colours are those of M. Okabe and K. Ito, "Color Universal Design" (2008); the sequential scale follows
 cividis (Nunez, Anderton and Renslow, PLOS ONE 13, 2018), which keeps its order in grey and for every kind of colour vision.
@@ -9,6 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from pipeline import vocabulary
 
 if TYPE_CHECKING:
     from pipeline.arrays import ByteArray
@@ -28,17 +30,10 @@ BACKGROUND: RGB = (24, 26, 31)
 ROOM: RGB = (58, 62, 70)
 GROUND: RGB = (74, 78, 86)
 
-MODELS: dict[str, RGB] = {"boltzmann": BLUE, "less": ORANGE, "attribute-rule": GREEN, "path-size": SKY}
-MODEL_NAMES = {
-    "boltzmann": "Boltzmann", "less": "LESS", "attribute-rule": "attribute rule", "path-size": "path-size logit",
+MODELS: dict[str, RGB] = {
+    vocabulary.BOLTZMANN: BLUE, vocabulary.LESS: ORANGE, vocabulary.ATTRIBUTE_RULE: GREEN, vocabulary.PATH_SIZE: SKY,
 }  # fmt: skip
 _OTHER_MODELS = (VERMILLION, YELLOW)
-REGIMES = {
-    "independent": "one sampler",
-    "sampler-shift": "different samplers",
-    "known-density": "samplers of known density",
-}
-"""What the ways of sampling the sets of the robustness study are called in pictures."""
 DEMONSTRATION = PINK
 SETS: dict[str, RGB] = {"Xi_L": VERMILLION, "Xi_B": PINK}
 """The two demonstration sets of the grid world that are looked at closely."""
@@ -65,11 +60,6 @@ def model_color(name: str, names: tuple[str, ...]) -> RGB:
         return MODELS[name]
     others = [other for other in names if other not in MODELS]
     return _OTHER_MODELS[others.index(name) % len(_OTHER_MODELS)]
-
-
-def model_name(name: str) -> str:
-    """What a model is called in pictures."""
-    return MODEL_NAMES.get(name, name)
 
 
 def sequential(values: Any, low: float, high: float) -> ByteArray:

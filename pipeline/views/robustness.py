@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import polars as pl
 
-from pipeline.studies.robustness.divergence import ALL
-from pipeline.studies.robustness.samplings import INDEPENDENT, SHIFT
 from pipeline.studies.robustness.tests import summarise
+from pipeline.vocabulary import ALL, INDEPENDENT, SAMPLER_SHIFT
 
 ACCURACY = ("map_angle_rad", "true_posterior", "truth_to_grid_rad")
 POINT = ("regime", "model", "set_size")
@@ -73,6 +72,6 @@ def example(posteriors: pl.DataFrame) -> Example:
     rows = single.filter(demonstration_id=first)
     set_ids = {
         regime: rows.filter(regime=regime)["set_id"].unique(maintain_order=True).to_list()
-        for regime in (INDEPENDENT, SHIFT)
+        for regime in (INDEPENDENT, SAMPLER_SHIFT)
     }
     return Example(rows, {regime: (ids[0], ids[-1]) for regime, ids in set_ids.items()}, first, size)

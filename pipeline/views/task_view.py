@@ -21,7 +21,8 @@ from pipeline.views.task_summary import (
     theta_labels,
     theta_meaning,
 )
-from pipeline.workspace.project import WORKING, Project
+from pipeline.vocabulary import WORKING
+from pipeline.workspace.project import Project
 
 ALTERNATIVE = ["alternative_id", "anchor", "sampler", "set_size", "set_id"]
 

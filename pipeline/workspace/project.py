@@ -23,8 +23,6 @@ RUNS = ".lessbench/runs"
 LOCKS = ".lessbench/locks"
 SCRATCH = ".lessbench/scratch"  # what the parts of one stage share; nothing outlives the stage
 KEPT_LOCK = ".lessbench/dvc.lock"  # as it was when the last stage began
-WORKING = "working"  # the set_id of the set that is shown
-STUDIES = "studies"  # stands where a task's name would, for tables of no task
 
 
 @dataclass(frozen=True)

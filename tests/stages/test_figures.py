@@ -26,7 +26,8 @@ from pipeline.stages import (
     sample,
 )
 from pipeline.views.rerun.server import claim
-from pipeline.workspace.project import STUDIES, Project, recorded_runs
+from pipeline.vocabulary import STUDIES
+from pipeline.workspace.project import Project, recorded_runs
 from tests.support.live_viewer import not_blank, pictures
 
 Make = Callable[[dict[str, Any]], Project]

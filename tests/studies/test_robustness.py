@@ -20,9 +20,10 @@ from pipeline.studies.robustness.problem import (
     theta_marginals,
     unit,
 )
-from pipeline.studies.robustness.samplings import INDEPENDENT, KNOWN_DENSITY, SHIFT, compare_samplings
+from pipeline.studies.robustness.samplings import compare_samplings
 from pipeline.studies.robustness.sensitivity import vary_choices
 from pipeline.studies.robustness.tests import analyse_regime, median_interval, summarise
+from pipeline.vocabulary import INDEPENDENT, KNOWN_DENSITY, SAMPLER_SHIFT
 from tests.oracles.slow_robustness import kl_aggregate as slow_kl_aggregate
 from tests.oracles.slow_robustness import marginals as slow_marginals
 
@@ -45,14 +46,14 @@ def problem() -> Problem:
     )  # fmt: skip
     independent = tuple(sets(rng, size, f"{r:02d}") for size in (6, 15) for r in range(3))
     shifted = tuple(sets(rng, size, label, label != "via") for size in (6, 15) for label in ("a", "b", "via"))
-    return Problem(people, {INDEPENDENT: independent, SHIFT: shifted}, THETAS, BETAS)
+    return Problem(people, {INDEPENDENT: independent, SAMPLER_SHIFT: shifted}, THETAS, BETAS)
 
 
 @pytest.mark.parametrize("model", ["boltzmann", "less"])
 def test_the_table_against_loops(problem: Problem, model: str) -> None:
     result = compare_samplings(problem, SIGMA)
     people = problem.demonstrations
-    for regime in (INDEPENDENT, SHIFT):
+    for regime in (INDEPENDENT, SAMPLER_SHIFT):
         for size, samplings in problem.by_size(regime):
             for name, rows in (("d0", [0]), ("d2", [2]), ("all", [0, 1, 2])):
                 slow = [
@@ -88,11 +89,14 @@ def test_only_sets_of_known_density_are_weighted(problem: Problem) -> None:
     assert set(weighted["set_id"]) == {"a", "b"}
     # the part of the sets gives what these sets give by themselves
     alone = Problem(
-        problem.demonstrations, {SHIFT: tuple(s for s in problem.regimes[SHIFT] if s.log_proposals)}, THETAS, BETAS
+        problem.demonstrations,
+        {SAMPLER_SHIFT: tuple(s for s in problem.regimes[SAMPLER_SHIFT] if s.log_proposals)},
+        THETAS,
+        BETAS,
     )
-    by_itself = compare_samplings(alone, SIGMA).robustness.filter(regime=SHIFT, model="less")
+    by_itself = compare_samplings(alone, SIGMA).robustness.filter(regime=SAMPLER_SHIFT, model="less")
     np.testing.assert_array_equal(known.filter(model="less")["kl_aggregate"], by_itself["kl_aggregate"])
-    sizes = result.sets.filter(regime=SHIFT, set_size=15)
+    sizes = result.sets.filter(regime=SAMPLER_SHIFT, set_size=15)
     assert sizes.filter(set_id="via")["effective_sample_size"].null_count() == 1
     assert sizes.filter(set_id="a")["effective_sample_size"].is_between(1, 15).all()
 
@@ -179,7 +183,7 @@ def test_another_scale_keeps_rewards_and_truth(problem: Problem) -> None:
     rewards, rewards_there = phi @ truth, there @ turned
     np.testing.assert_allclose(rewards / rewards[0], rewards_there / rewards_there[0], rtol=1e-13)
     np.testing.assert_array_equal(
-        other.regimes[SHIFT][0].features["task"], problem.regimes[SHIFT][0].features["task"] * ratio
+        other.regimes[SAMPLER_SHIFT][0].features["task"], problem.regimes[SAMPLER_SHIFT][0].features["task"] * ratio
     )
 
 
@@ -257,9 +261,9 @@ def test_one_choice_at_a_time(problem: Problem) -> None:
         same = part.join(main, on=key, how="inner", validate="1:1")
         assert same.height == main.height, choice
         np.testing.assert_array_equal(same["kl_aggregate"], same["kl_aggregate_right"])
-    people, samplings = problem.demonstrations, problem.regimes[SHIFT][3:]
+    people, samplings = problem.demonstrations, problem.regimes[SAMPLER_SHIFT][3:]
     fixed = [slow_marginals(people.features[[0]], s.features["task"], THETAS, [5.0]) for s in samplings]
-    mine = {"regime": SHIFT, "set_size": 15, "demonstration_id": "d0"}
+    mine = {"regime": SAMPLER_SHIFT, "set_size": 15, "demonstration_id": "d0"}
     row = table.filter(choice="beta", setting="5", model="boltzmann", **mine)
     assert row["kl_aggregate"].item() == pytest.approx(slow_kl_aggregate(fixed), rel=1e-10)
     half = [

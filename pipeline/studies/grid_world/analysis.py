@@ -9,6 +9,7 @@ import polars as pl
 
 from pipeline.studies.grid_world.trials import HIDDEN_MODELS, SAMPLING_MODELS
 from pipeline.studies.statistics import repeated_logistic, repeated_measures_anova, tukey_hsd
+from pipeline.vocabulary import BOLTZMANN, LESS
 
 FACTORIAL = (
     "sampling x inference"  # the experiment of section 4.1; those of section 4.3 have their sampling model's name
@@ -63,9 +64,9 @@ def analyse(trials: pl.DataFrame) -> GridWorldAnalysis:
         pl.concat(logistic),
     )
     hypotheses = [
-        _hypothesis("H3", "less", tables, expected="less"),
-        _hypothesis("H4", "boltzmann", tables, expected="boltzmann"),
-        *(_hypothesis("H5", model, tables, expected="less") for model in HIDDEN_MODELS),
+        _hypothesis("H3", LESS, tables, expected=LESS),
+        _hypothesis("H4", BOLTZMANN, tables, expected=BOLTZMANN),
+        *(_hypothesis("H5", model, tables, expected=LESS) for model in HIDDEN_MODELS),
     ]
     return GridWorldAnalysis(*tables, pl.DataFrame(hypotheses, infer_schema_length=None))
 
@@ -78,7 +79,7 @@ class _Tables(NamedTuple):
 
 
 def _hypothesis(name: str, sampling_model: str, tables: _Tables, expected: str) -> dict[str, object]:
-    other = "boltzmann" if expected == "less" else "less"
+    other = BOLTZMANN if expected == LESS else LESS
     overall = tables.summary.filter((pl.col("sampling_model") == sampling_model) & pl.col("theta_id").is_null())
     posterior, match = (
         dict(overall.select("inference_model", column).iter_rows()) for column in ("true_posterior", "true_match")
@@ -90,7 +91,7 @@ def _hypothesis(name: str, sampling_model: str, tables: _Tables, expected: str) 
         p_value = tables.post_hoc.filter(both)["p_value"].item()
     logit = tables.logistic.filter(pl.col("experiment") == sampling_model).row(0, named=True)
     odds_ratio = logit["odds_ratio"]  # of LESS to Boltzmann
-    if odds_ratio is not None and expected == "boltzmann":
+    if odds_ratio is not None and expected == BOLTZMANN:
         odds_ratio = 1.0 / odds_ratio
     ahead = posterior[expected] > posterior[other] and match[expected] > match[other]
     return {

@@ -16,6 +16,7 @@ from pipeline.studies.grid_world.trials import (
     draw_demonstrations,
     posteriors,
 )
+from pipeline.vocabulary import BOLTZMANN, LESS
 
 BINS = 40
 
@@ -45,7 +46,7 @@ def examples(world: GridWorld, settings: GridWorldSettings, trials: pl.DataFrame
     leads = (
         trials.filter(pl.col("sampling_model").is_in(SAMPLING_MODELS))
         .pivot("inference_model", index=["sampling_model", "theta_id", "seed"], values="true_posterior")
-        .with_columns(lead=pl.col("less") - pl.col("boltzmann"))
+        .with_columns(lead=pl.col(LESS) - pl.col(BOLTZMANN))
     )
     chosen = {"Xi_L": leads.row(leads["lead"].arg_max() or 0, named=True)}
     chosen["Xi_B"] = leads.row(leads["lead"].arg_min() or 0, named=True)

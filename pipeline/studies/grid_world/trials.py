@@ -30,12 +30,13 @@ from pipeline.choice import (
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.grid_world import Cells, link_incidence, mean_distances, mean_positions, shortest_paths
+from pipeline.vocabulary import LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH
 
-SAMPLING_MODELS = ("boltzmann", "less")
+SAMPLING_MODELS = (Boltzmann.name, LESS.name)
 # people whose similarity also sees mean x and mean y, which the robot does not: their kernel has the robot's bandwidth,
 # or one selected anew for the four features. The paper does not say which, H5 depends on it, and both are reported.
-HIDDEN_MODELS = ("less-hidden", "less-hidden-own-bandwidth")
-INFERENCE_MODELS = ("boltzmann", "less", "attribute-rule", "path-size")
+HIDDEN_MODELS = (LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH)
+INFERENCE_MODELS = (Boltzmann.name, LESS.name, AttributeRule.name, PathSize.name)
 THETAS: FloatArray = np.array([theta for theta in product((-1.0, 0.0, 1.0), repeat=2) if any(theta)])
 
 _TRIALS = {
@@ -112,12 +113,12 @@ def build_world(settings: GridWorldSettings) -> GridWorld:
     seen = np.column_stack([features, _scaled(mean_positions(paths), ("mean_x", "mean_y"))])
     sigma = settings.bandwidth or select_bandwidth(features).value
     own_sigma = settings.bandwidth or select_bandwidth(seen).value
-    bandwidths = dict(zip(("less", *HIDDEN_MODELS), (sigma, sigma, own_sigma), strict=True))
+    bandwidths = dict(zip((LESS.name, *HIDDEN_MODELS), (sigma, sigma, own_sigma), strict=True))
     models: dict[str, tuple[Model, Any]] = {
-        "boltzmann": (Boltzmann(), None),
-        "less": (LESS(sigma), None),
-        "attribute-rule": (AttributeRule(), None),
-        "path-size": (PathSize(), link_incidence(paths)),
+        Boltzmann.name: (Boltzmann(), None),
+        LESS.name: (LESS(sigma), None),
+        AttributeRule.name: (AttributeRule(), None),
+        PathSize.name: (PathSize(), link_incidence(paths)),
     }
     models |= {name: (LESS(bandwidths[name]), seen) for name in HIDDEN_MODELS}
     everyone = np.arange(len(paths))

@@ -8,8 +8,7 @@ from scipy.special import entr
 
 from pipeline.arrays import FloatArray
 from pipeline.studies.robustness.problem import Demonstrations, unit
-
-ALL = "all"  # stands for all demonstrations together, as in posteriors.parquet
+from pipeline.vocabulary import ALL
 
 
 def divergences(log_posteriors: FloatArray) -> FloatArray:

@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
-from pipeline.studies.robustness.divergence import ALL
 from pipeline.studies.robustness.problem import (
     Bandwidths,
     ChoiceSets,
@@ -23,9 +22,7 @@ from pipeline.studies.robustness.problem import (
     select_bandwidths,
     theta_marginals,
 )
-from pipeline.studies.robustness.samplings import BOLTZMANN, LESS_MODEL
-
-CLEAN_BANDWIDTH = "less-clean-bandwidth"
+from pipeline.vocabulary import ALL, BOLTZMANN, LESS, LESS_CLEAN_BANDWIDTH
 
 
 @dataclass(frozen=True)
@@ -73,9 +70,9 @@ def inject_duplicates(
     clean_widths = select_bandwidths(samplings, bandwidth)
     clean = {
         BOLTZMANN: _marginals(problem, samplings, boltzmann_score(problem)),
-        LESS_MODEL: _marginals(problem, samplings, less_score(problem, clean_widths.__getitem__)),
+        LESS: _marginals(problem, samplings, less_score(problem, clean_widths.__getitem__)),
     }
-    clean[CLEAN_BANDWIDTH] = clean[LESS_MODEL]
+    clean[LESS_CLEAN_BANDWIDTH] = clean[LESS]
     noises = {sets: _noises(sets, duplication, stream) for sets in samplings}
     rows = []
     for copies, spread in watched(list(product(duplication.copies, duplication.spreads))):
@@ -84,8 +81,8 @@ def inject_duplicates(
         kept = dict(zip(joined, clean_widths.values(), strict=True))
         scores: dict[str, tuple[Score, Mapping[ChoiceSets, Bandwidths] | None]] = {
             BOLTZMANN: (boltzmann_score(problem), None),
-            LESS_MODEL: (less_score(problem, anew.__getitem__), anew),
-            CLEAN_BANDWIDTH: (less_score(problem, kept.__getitem__), kept),
+            LESS: (less_score(problem, anew.__getitem__), anew),
+            LESS_CLEAN_BANDWIDTH: (less_score(problem, kept.__getitem__), kept),
         }
         for model, (score, widths) in scores.items():
             moved = _marginals(problem, joined, score)

@@ -13,8 +13,7 @@ from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann, angle_to, log_likelihood, select_bandwidth
 from pipeline.choice.logspace import log_sum_exp, peak
 from pipeline.errors import StageError
-
-TASK = "task"  # the anchor of alternatives that all demonstrations share
+from pipeline.vocabulary import TASK_ANCHOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +34,7 @@ class Demonstrations:
 
     def rows(self, anchor: str) -> list[int]:
         """The demonstrations that are judged against alternatives with this anchor."""
-        return list(range(len(self.ids))) if anchor == TASK else [self.ids.index(anchor)]
+        return list(range(len(self.ids))) if anchor == TASK_ANCHOR else [self.ids.index(anchor)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
-from pipeline.studies.robustness.divergence import ALL, measures
+from pipeline.studies.robustness.divergence import measures
 from pipeline.studies.robustness.importance import effective_sample_size, weighted_score
 from pipeline.studies.robustness.problem import (
     Bandwidths,
@@ -29,11 +29,18 @@ from pipeline.studies.robustness.problem import (
     select_bandwidths,
     theta_marginals,
 )
+from pipeline.vocabulary import (
+    ALL,
+    BOLTZMANN,
+    BOLTZMANN_APART,
+    BOLTZMANN_WEIGHTED,
+    BOLTZMANN_WEIGHTED_APART,
+    KNOWN_DENSITY,
+    LESS,
+    SAMPLER_SHIFT,
+)
 
-INDEPENDENT, SHIFT, KNOWN_DENSITY = "independent", "sampler-shift", "known-density"
-BOLTZMANN, LESS_MODEL, WEIGHTED = "boltzmann", "less", "boltzmann-weighted"
-APART, WEIGHTED_APART = "boltzmann-apart", "boltzmann-weighted-apart"
-COMPARED = (BOLTZMANN, LESS_MODEL, WEIGHTED)  # models of one and the same choice set: joined by the demonstration
+COMPARED = (BOLTZMANN, LESS, BOLTZMANN_WEIGHTED)  # models of one and the same choice set: joined by the demonstration
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +69,7 @@ def compare_samplings(
     """Posteriors under every sampling and model, and how much they differ.
 
     Args:
-        problem: with the regimes INDEPENDENT and SHIFT, either or both.
+        problem: with the regimes INDEPENDENT and SAMPLER_SHIFT, either or both.
         bandwidth: how LESS finds the bandwidth of each set, or that bandwidth.
         watched: what the cells of the design go through on their way, such as a progress bar; it changes nothing.
 
@@ -76,7 +83,7 @@ def compare_samplings(
     rows: list[pl.DataFrame] = []
     posteriors: list[pl.DataFrame] = []
     for regime, size, samplings in watched(problem.cells):
-        scores: dict[str, Score] = {BOLTZMANN: boltzmann, LESS_MODEL: less}
+        scores: dict[str, Score] = {BOLTZMANN: boltzmann, LESS: less}
         for model, score in scores.items():
             values = log_likelihoods(problem, samplings, score)
             likelihoods[regime, size, model] = values
@@ -84,15 +91,15 @@ def compare_samplings(
             rows.append(_measured(problem, marginals, regime, size, model))
             posteriors.append(_posterior_rows(problem, marginals, samplings, regime, size, model))
         known = [r for r, sets in enumerate(samplings) if sets.log_proposals]
-        if regime == SHIFT and len(known) > 1:
+        if regime == SAMPLER_SHIFT and len(known) > 1:
             subset = tuple(samplings[r] for r in known)
             for model in scores:
                 part = theta_marginals(log_posteriors(likelihoods[regime, size, model][known]))
                 rows.append(_measured(problem, part, KNOWN_DENSITY, size, model))
             corrections = {
-                WEIGHTED: weighted_score(problem, weighted=True, joined=True),
-                WEIGHTED_APART: weighted_score(problem, weighted=True, joined=False),
-                APART: weighted_score(problem, weighted=False, joined=False),
+                BOLTZMANN_WEIGHTED: weighted_score(problem, weighted=True, joined=True),
+                BOLTZMANN_WEIGHTED_APART: weighted_score(problem, weighted=True, joined=False),
+                BOLTZMANN_APART: weighted_score(problem, weighted=False, joined=False),
             }
             for model, score in corrections.items():
                 marginals = theta_marginals(log_posteriors(log_likelihoods(problem, subset, score)))

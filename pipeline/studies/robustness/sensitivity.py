@@ -24,7 +24,8 @@ from pipeline.studies.robustness.problem import (
     select_bandwidths,
     theta_marginals,
 )
-from pipeline.studies.robustness.samplings import BOLTZMANN, LESS_MODEL, RobustnessResult
+from pipeline.studies.robustness.samplings import RobustnessResult
+from pipeline.vocabulary import BOLTZMANN, LESS
 
 FACTOR, SELECTOR, SCALE, BETA = "bandwidth", "selector", "scale", "beta"
 MARGINAL, JOINT = "marginal", "joint"
@@ -63,7 +64,7 @@ def vary_choices(
     rescaled = {name: problem.rescaled(ratio) for name, ratio in ratios.items()}
     rows = []
     for regime, size, samplings in watched(problem.cells):
-        own = {model: result.likelihoods[regime, size, model] for model in (BOLTZMANN, LESS_MODEL)}
+        own = {model: result.likelihoods[regime, size, model] for model in (BOLTZMANN, LESS)}
         settings = [
             *_factors(problem, samplings, own, result, factors),
             *_selectors(problem, samplings, own, result, bandwidth),
@@ -139,7 +140,7 @@ def _both(
 ) -> Iterator[Setting]:  # fmt: skip
     yield choice, setting, BOLTZMANN, False, theta_marginals(log_posteriors(own[BOLTZMANN])), None
     less = log_likelihoods(problem, samplings, less_score(problem, selected.__getitem__))
-    yield choice, setting, LESS_MODEL, False, theta_marginals(log_posteriors(less)), _median(selected.values())
+    yield choice, setting, LESS, False, theta_marginals(log_posteriors(less)), _median(selected.values())
 
 
 def _selected(samplings: tuple[ChoiceSets, ...], method: str | float) -> dict[ChoiceSets, Bandwidths]:

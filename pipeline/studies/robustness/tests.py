@@ -9,10 +9,9 @@ import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
-from pipeline.studies.robustness.divergence import ALL
 from pipeline.studies.statistics import repeated_measures_anova, tukey_hsd
+from pipeline.vocabulary import ALL, BATCH, SINGLE
 
-SINGLE, BATCH = "single", "batch"
 RAW, LOG = "kl_aggregate", "log_kl_aggregate"
 FACTORS = ("model", "set_size")
 ANOVA = {

@@ -24,6 +24,7 @@ from pipeline.views.figures.style import (
     sequential_map,
 )
 from pipeline.views.intervals import near_or_far
+from pipeline.vocabulary import BOLTZMANN, LESS, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH, model_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,12 +34,7 @@ if TYPE_CHECKING:
 
 Place = Literal["outside upper left", "outside upper right"]
 SETS = {"Xi_L": ("$\\Xi_L$", "o"), "Xi_B": ("$\\Xi_B$", "D")}
-_PEOPLE = {
-    "less": "LESS",
-    "boltzmann": "Boltzmann",
-    "less-hidden": "LESS, hidden\nsame $\\sigma$",
-    "less-hidden-own-bandwidth": "LESS, hidden\nown $\\sigma$",
-}
+_PEOPLE = (LESS, BOLTZMANN, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH)
 _APART = 0.17  # cells between paths that share a step
 
 
@@ -53,12 +49,12 @@ def true_posterior_figure(summary: pl.DataFrame) -> Figure:
     axes = figure.subplots(2, 2, sharex="col", sharey=True, width_ratios=[8.4, 1.0])
     models = summary["inference_model"].unique(maintain_order=True).to_list()
     wishes = ["\n".join(words) for words in near_or_far(THETAS)]
-    for (by_theta, over_all), people in zip(axes, ("less", "boltzmann"), strict=True):
+    for (by_theta, over_all), people in zip(axes, (LESS, BOLTZMANN), strict=True):
         rows = summary.filter(sampling_model=people)
         _grouped_bars(by_theta, [rows.filter(theta_id=k) for k in range(len(THETAS))], models, wishes)
         _grouped_bars(over_all, [rows.filter(pl.col("theta_id").is_null())], models, ["all"])
         sets = int(rows.filter(pl.col("theta_id").is_not_null())["sets"].max() or 0)  # type: ignore[arg-type]
-        by_theta.set_title(f"people choose by {palette.model_name(people)}: mean of {sets} sets, 95 % interval")
+        by_theta.set_title(f"people choose by {model_name(people)}: mean of {sets} sets, 95 % interval")
         probability_axis(by_theta, "TruePosterior")
         over_all.grid(axis="y")
     axes[1, 0].set_xlabel("true $\\theta$: what the people want")
@@ -77,7 +73,9 @@ def overall_figure(summary: pl.DataFrame) -> Figure:
     ax = figure.subplots()
     models = summary["inference_model"].unique(maintain_order=True).to_list()
     overall = summary.filter(pl.col("theta_id").is_null())
-    _grouped_bars(ax, [overall.filter(sampling_model=name) for name in _PEOPLE], models, list(_PEOPLE.values()))
+    _grouped_bars(
+        ax, [overall.filter(sampling_model=name) for name in _PEOPLE], models, [_people(name) for name in _PEOPLE]
+    )
     probability_axis(ax, "TruePosterior", None)
     ax.set_title("mean over all $\\theta$, 95 % interval")
     ax.set_xlabel("people choose by")
@@ -104,7 +102,7 @@ def sets_figure(paths: pl.DataFrame, posteriors: pl.DataFrame, objects: Sequence
         grid, chart = grids_and_charts[place], grids_and_charts[place + 2]
         of_set = paths.filter(set=name)
         _grid(grid, of_set, objects, size, color(palette.SETS[name]))
-        grid.set_title(f"{symbol}: chosen by {palette.model_name(of_set['sampling_model'][0])}")
+        grid.set_title(f"{symbol}: chosen by {model_name(of_set['sampling_model'][0])}")
         _posterior_bars(chart, posteriors.filter(set=name), named=place == 0)
         chart.set_title(f"inferred from {symbol}")
     _robot_legend(figure, grids_and_charts[2], "outside upper right")
@@ -132,6 +130,11 @@ def density_figure(paths: pl.DataFrame, density_1d: pl.DataFrame, density_2d: pl
     return figure
 
 
+def _people(model: str) -> str:
+    """The name of a model of people on an axis: what it says of the bandwidth goes on a line of its own."""
+    return "\n".join(model_name(model).replace("σ", "$\\sigma$").rsplit(", ", 1))
+
+
 def _grouped_bars(ax: Axes, groups: Sequence[pl.DataFrame], models: Sequence[str], names: Sequence[str]) -> None:
     """One group of bars per table, a bar per inference model with the interval of its mean."""
     width = 0.84 / len(models)
@@ -140,7 +143,7 @@ def _grouped_bars(ax: Axes, groups: Sequence[pl.DataFrame], models: Sequence[str
         rows = pl.concat([group.filter(inference_model=model) for group in groups])
         x = place + (offset - (len(models) - 1) / 2) * width
         mean = rows["true_posterior"].to_numpy()
-        ax.bar(x, mean, width, color=model_color(model, models), label=palette.model_name(model))
+        ax.bar(x, mean, width, color=model_color(model, models), label=model_name(model))
         reach = np.stack([mean - rows["low"].to_numpy(), rows["high"].to_numpy() - mean])
         error_bars(ax, x, mean, yerr=reach)
     ax.set_xticks(place, list(names))
@@ -185,7 +188,7 @@ def _posterior_bars(ax: Axes, rows: pl.DataFrame, *, named: bool) -> None:
     for offset, model in enumerate(models):
         values = rows.filter(inference_model=model)["posterior"]
         y = place + (offset - (len(models) - 1) / 2) * height
-        ax.barh(y, values, height, color=model_color(model, models), label=palette.model_name(model))
+        ax.barh(y, values, height, color=model_color(model, models), label=model_name(model))
     thetas = first.select("theta_1", "theta_2").to_numpy()
     ax.set_yticks(place, [", ".join(words) if named else "" for words in near_or_far(thetas)])
     truth = int(first["is_true"].arg_max() or 0)
@@ -202,7 +205,7 @@ def _posterior_bars(ax: Axes, rows: pl.DataFrame, *, named: bool) -> None:
 
 def _density_1d(ax: Axes, rows: pl.DataFrame, paths: pl.DataFrame, feature: int, top: float) -> None:
     edges = np.append(rows["low"].to_numpy(), rows["high"][-1])
-    grey, orange = color(palette.RAW_DENSITY), color(palette.MODELS["less"])
+    grey, orange = color(palette.RAW_DENSITY), color(palette.MODELS[LESS])
     ax.stairs(rows["raw"].to_numpy(), edges, fill=True, color=grey, alpha=0.55, label="every path alike")
     ax.stairs(rows["adjusted"].to_numpy(), edges, color=orange, linewidth=1.4, label="adjusted by LESS")
     for row, (name, (symbol, marker)) in enumerate(SETS.items(), 1):

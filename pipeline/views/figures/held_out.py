@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.views import palette
 from pipeline.views.figures.style import COLUMN_IN, INK, error_bars, in_style, model_color, new_figure
+from pipeline.vocabulary import model_name
 
 if TYPE_CHECKING:
     import polars as pl
@@ -57,7 +57,7 @@ def _dots(
         centre, reach = numbers[mean][0], numbers[error][0]
         error_bars(ax, centre, row - 0.14, xerr=reach)
         ax.plot(centre, row - 0.14, "D", color=color, markersize=4.5, markeredgecolor=INK, markeredgewidth=0.5)
-    ax.set_yticks(range(len(models)), [palette.model_name(model) for model in models])
+    ax.set_yticks(range(len(models)), [model_name(model) for model in models])
     ax.set_ylim(len(models) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
     ax.grid(axis="x")

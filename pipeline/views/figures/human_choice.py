@@ -17,6 +17,7 @@ from pipeline.views.figures.style import (
     new_figure,
     probability_axis,
 )
+from pipeline.vocabulary import model_name
 
 if TYPE_CHECKING:
     import polars as pl
@@ -63,7 +64,7 @@ def _bars(ax: Axes, rows: pl.DataFrame, label: str, title: str) -> None:
         error_bars(ax, start, share, yerr=reach)
     for offset, model in enumerate(models, 1):
         values = rows.filter(model=model)["predicted"]
-        ax.bar(start + offset * _BAR, values, _BAR, color=model_color(model, models), label=palette.model_name(model))
+        ax.bar(start + offset * _BAR, values, _BAR, color=model_color(model, models), label=model_name(model))
     ax.set_xticks(place, observed[label].to_list())
     ax.tick_params(axis="x", length=0)
     ax.set_title(f"{title}, n = {observed['count'].sum()}")

@@ -20,20 +20,27 @@ from pipeline.views.figures.style import (
     new_figure,
     probability_axis,
 )
-from pipeline.views.palette import REGIMES, model_name
+from pipeline.vocabulary import (
+    BOLTZMANN,
+    BOLTZMANN_WEIGHTED,
+    INDEPENDENT,
+    KINDS,
+    KNOWN_DENSITY,
+    LESS,
+    LESS_CLEAN_BANDWIDTH,
+    REGIMES,
+    SAMPLER_SHIFT,
+    SINGLE,
+    model_name,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INDEPENDENT, SHIFT, KNOWN_DENSITY = "independent", "sampler-shift", "known-density"
-KINDS = {"single": "single demonstrations", "batch": "all together"}
-PATTERNS = {"boltzmann-weighted": (0, (2, 1.2)), "less-clean-bandwidth": (0, (2, 1.2))}
-NAMES = {
-    "boltzmann-weighted": "Boltzmann, importance weights",
-    "less-clean-bandwidth": "LESS, clean set's bandwidth",
-}
-BASE = {"boltzmann-weighted": "boltzmann", "less-clean-bandwidth": "less"}
+PATTERNS = {BOLTZMANN_WEIGHTED: (0, (2, 1.2)), LESS_CLEAN_BANDWIDTH: (0, (2, 1.2))}
+BASE = {BOLTZMANN_WEIGHTED: BOLTZMANN, LESS_CLEAN_BANDWIDTH: LESS}
+"""Variants are drawn in the colour of their model, with a line of another pattern."""
 CHOICES = {"bandwidth": "bandwidth × {}", "selector": "selector {}", "scale": "scale {}", "beta": "beta {}"}
 _KL, _SIZE, _ANGLE = "KLAggregate (nat)", "alternatives per set", "angle to the truth (deg)"
 _FAR = 1e6  # times a value, where its interval is cut
@@ -41,7 +48,7 @@ _DECADES = 5  # of KLAggregate that a panel shows below its largest value
 
 
 @in_style
-def kl_figure(summary: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SHIFT)) -> Figure:
+def kl_figure(summary: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMPLER_SHIFT)) -> Figure:
     """KLAggregate against set size with 95 % intervals, a column per regime, single demonstrations above all together.
 
     Args:
@@ -82,7 +89,7 @@ def importance_figure(summary: pl.DataFrame, accuracy: pl.DataFrame, sets: pl.Da
         ax.set_title(KINDS[kind])
         ax.set_ylabel(_KL)
     if accuracy.height:
-        _angles(axes[2], accuracy.filter(regime=KNOWN_DENSITY, demonstrations="single"))
+        _angles(axes[2], accuracy.filter(regime=KNOWN_DENSITY, demonstrations=SINGLE))
         axes[2].set_title("single demonstrations")
         axes[2].set_ylim(0.0, None)
         axes[2].set_ylabel(_ANGLE)
@@ -103,7 +110,7 @@ def accuracy_figure(accuracy: pl.DataFrame, hypotheses: int) -> Figure:
         accuracy: of the function of that name, of one task.
         hypotheses: how many thetas there are; of which one is right by chance.
     """
-    panels = [(kind, regime) for kind in KINDS for regime in (INDEPENDENT, SHIFT)]
+    panels = [(kind, regime) for kind in KINDS for regime in (INDEPENDENT, SAMPLER_SHIFT)]
     figure = new_figure(TEXT_IN, 3.6)
     axes = figure.subplots(2, len(panels), sharex=True)
     for column, (kind, regime) in enumerate(panels):
@@ -190,7 +197,7 @@ def duplicates_figure(summary: pl.DataFrame) -> Figure:
 
 @in_style
 def sensitivity_figure(
-    summary: pl.DataFrame, entropies: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SHIFT)
+    summary: pl.DataFrame, entropies: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMPLER_SHIFT)
 ) -> Figure:
     """KLAggregate and entropy of single demonstrations under every setting, the study's own with a filled mark.
 
@@ -207,7 +214,7 @@ def sensitivity_figure(
     axes = figure.subplots(1, 2 * len(regimes), sharey=True)
     for place, regime in enumerate(regimes):
         for ax, table in ((axes[place], summary), (axes[place + len(regimes)], entropies)):
-            rows = table.filter(demonstrations="single", regime=regime)
+            rows = table.filter(demonstrations=SINGLE, regime=regime)
             if table is summary:
                 ax.set_xscale("log")
                 largest = rows.select(pl.max_horizontal(pl.col("value", "high").max())).item()
@@ -268,9 +275,15 @@ def _curves(ax: Axes, points: pl.DataFrame, x: str, *, log: bool = True) -> None
             rows = rows.filter(pl.col("value") > 0)
         # side by side, so that intervals do not hide each other
         at = rows[x].to_numpy() * 1.06 ** (place - (len(models) - 1) / 2)
-        shade = model_color(BASE.get(model, model), ("boltzmann", "less"))
+        shade = model_color(BASE.get(model, model), (BOLTZMANN, LESS))
         ax.plot(
-            at, rows["value"], "o", markersize=3, color=shade, linestyle=PATTERNS.get(model, "-"), label=_name(model)
+            at,
+            rows["value"],
+            "o",
+            markersize=3,
+            color=shade,
+            linestyle=PATTERNS.get(model, "-"),
+            label=model_name(model),
         )
         known = rows["low"].is_not_null().to_numpy()
         value, low, high = (rows[name].to_numpy()[known] for name in ("value", "low", "high"))
@@ -297,8 +310,8 @@ def _effective_sizes(ax: Axes, sets: pl.DataFrame) -> None:
         sets["set_size"], sets["effective_sample_size"], "o", color=grey, markersize=2.4, markeredgewidth=0,
         label="one sampler's set",
     )  # fmt: skip
-    shade = model_color("boltzmann", ("boltzmann",))
-    ax.plot(middle["set_size"], middle["effective_sample_size"], color=shade, linestyle=PATTERNS["boltzmann-weighted"])
+    shade = model_color(BOLTZMANN, (BOLTZMANN,))
+    ax.plot(middle["set_size"], middle["effective_sample_size"], color=shade, linestyle=PATTERNS[BOLTZMANN_WEIGHTED])
     ax.plot(middle["set_size"], middle["set_size"], color=grey, linewidth=0.8, linestyle=":", label="all count")
     ax.set_yscale("log")
     ax.set_ylim(0.8, None)
@@ -329,7 +342,3 @@ def _legend(figure: Figure, *axes: Axes) -> None:
     """What is shown in any of some axes, each once."""
     shown = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     figure.legend(list(shown.values()), list(shown), loc="outside upper left", ncols=len(shown))
-
-
-def _name(model: str) -> str:
-    return NAMES[model] if model in NAMES else model_name(model)

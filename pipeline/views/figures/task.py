@@ -19,6 +19,7 @@ from pipeline.views.figures.style import (
     sequential_map,
     with_unit,
 )
+from pipeline.vocabulary import LESS, model_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,7 +41,7 @@ def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
     axes = figure.subplots(down, across, squeeze=False).ravel()
     for ax, curve in zip(axes, curves, strict=False):
         top = float(max(curve.raw.max(), curve.adjusted.max()))
-        grey, orange = color(palette.RAW_DENSITY), color(palette.MODELS["less"])
+        grey, orange = color(palette.RAW_DENSITY), color(palette.MODELS[LESS])
         ax.fill_between(curve.grid, curve.raw, color=grey, alpha=0.55, linewidth=0, label="every alternative alike")
         ax.plot(curve.grid, curve.adjusted, color=orange, linewidth=1.4, label="weighted by LESS")
         marks = np.full(curve.demonstrations.size, -0.06 * top)
@@ -106,7 +107,7 @@ def posterior_figure(posteriors: Mapping[str, FloatArray], labels: Sequence[str]
         if others:
             values = np.append(values, max(0.0, 1.0 - values.sum()))
         y = np.arange(values.size) + (offset - (len(models) - 1) / 2) * height
-        ax.barh(y, values, height, color=model_color(model, models), label=palette.model_name(model))
+        ax.barh(y, values, height, color=model_color(model, models), label=model_name(model))
     if others:
         names.append(f"the other {others} together")
     ax.set_yticks(np.arange(len(names)), names)

@@ -14,10 +14,10 @@ from pipeline import params
 from pipeline.formats.duckdb.catalog import CONTENTS, ask
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
-from pipeline.views.palette import model_name
 from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
 from pipeline.views.task_summary import theta_labels, theta_meaning
-from pipeline.workspace.project import STUDIES, WORKING, Project
+from pipeline.vocabulary import ALL, INDEPENDENT, SAMPLER_SHIFT, STUDIES, WORKING, model_name
+from pipeline.workspace.project import Project
 
 LIBRARIES = ("mujoco", "numpy", "scipy", "finufft", "polars", "duckdb", "matplotlib")
 _HASH_DIGITS = 16
@@ -30,11 +30,11 @@ SIZES = (
     "select task, min(set_size) as least, max(set_size) as largest, count(distinct (anchor, set_size, set_id)) as sets \
 from sampling group by task"
 )
-SPLIT = """select task, model, set_size, sets, answers from disagreement_between_sets
-    where participant = 'all' and answers > 1 and set_size = (select max(set_size) from disagreement_between_sets)
+SPLIT = f"""select task, model, set_size, sets, answers from disagreement_between_sets
+    where participant = '{ALL}' and answers > 1 and set_size = (select max(set_size) from disagreement_between_sets)
     order by all"""
 APART = f"""select task, model, other_model from disagreement_between_models
-    where participant = 'all' and set_id = '{WORKING}' and theta_id <> other_theta_id order by all"""
+    where participant = '{ALL}' and set_id = '{WORKING}' and theta_id <> other_theta_id order by all"""
 
 
 def report(project: Project) -> Report:
@@ -95,7 +95,7 @@ def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -
                 continue
             divergence = of_model.get("kl_aggregate", {})
             numbers = [of_model[name] for name in ("best", "posterior", "beta", "entropy")]
-            spread = [divergence.get(regime) for regime in ("independent", "sampler-shift")]
+            spread = [divergence.get(regime) for regime in (INDEPENDENT, SAMPLER_SHIFT)]
             rows.append([task, model_name(model), *numbers, of_model.get("held_out"), *spread])
     caption = (
         "What all demonstrations of a task together say: the most probable weights with their probability, the most "
@@ -191,7 +191,7 @@ def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:
         + [found.get((row["demonstration_id"], row["participant"], model), "not inferred yet") for model in models]
         for row in people.iter_rows(named=True)
     ]
-    rows.append(["all together", "", None, "", *(found["all", "all", model] for model in models)])
+    rows.append(["all together", "", None, "", *(found[ALL, ALL, model] for model in models)])
     header = (
         "recording",
         "participant",

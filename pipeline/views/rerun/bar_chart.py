@@ -13,6 +13,7 @@ import rerun as rr
 
 from pipeline.views import palette
 from pipeline.views.rerun.labels import log_labels, part
+from pipeline.vocabulary import model_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,7 +108,7 @@ def log_frame(recording: rr.RecordingStream, chart: BarChart, rows: Sequence[str
     rules = []
     for column, model in enumerate(chart.models):
         left, right = chart.left(column), chart.left(column) + chart.full_length
-        names += [palette.model_name(model), "0", f"{chart.full:g}"]
+        names += [model_name(model), "0", f"{chart.full:g}"]
         colors += [chart.color(column), palette.WHITE, palette.WHITE]
         at += [((left + right) / 2, -1.3 * _ROW - 0.5 * _LABEL_DROP), (left, bottom), (right, bottom)]
         rules += [[(x, -0.6 * _ROW), (x, bottom)] for x in (left, right)]

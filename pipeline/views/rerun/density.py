@@ -13,6 +13,7 @@ import rerun as rr
 
 from pipeline.views import palette
 from pipeline.views.rerun.labels import drawable, log_labels, part
+from pipeline.vocabulary import LESS, model_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -77,7 +78,7 @@ def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks |
     columns = _cells(curve.grid, curve.grid)
     for name, values, color in (
         ("alternatives", curve.raw, palette.RAW_DENSITY),
-        ("weighted_by_less", curve.adjusted, palette.MODELS["less"]),
+        ("weighted_by_less", curve.adjusted, palette.MODELS[LESS]),
     ):
         line = np.stack([columns, height * (1 - values / top)], axis=1)
         strip = rr.LineStrips2D([line], radii=_LINE, colors=color, draw_order=2.0)
@@ -92,7 +93,7 @@ def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks |
     _log_axes(recording, entity, (width, height), curve.grid, up, height * up / top)
     _log_axis_names(recording, entity, (width, height), f"{curve.feature} ({curve.unit})", f"per {curve.unit}")
     named = ["every alternative alike", "weighted by LESS", *marks]
-    colors = [palette.RAW_DENSITY, palette.MODELS["less"], *(color for _, color in marks.values())]
+    colors = [palette.RAW_DENSITY, palette.MODELS[LESS], *(color for _, color in marks.values())]
     at = [(0.8 * width, row * 0.08 * height) for row in range(len(named))]
     log_labels(recording, f"{entity}/legend", at, named, colors=colors)
 
@@ -181,7 +182,7 @@ def ticks(low: float, high: float) -> FloatArray:
 
 def _legend(inspection: Inspection) -> str:
     final = {model: posterior[-1] for model, posterior in inspection.posteriors.items()}
-    names = [palette.model_name(model) for model in final]
+    names = [model_name(model) for model in final]
     order = np.argsort(-np.max(list(final.values()), axis=0), kind="stable")[:3]
     rows = [
         f"| {inspection.theta_labels[k]} | " + " | ".join(f"{p[k]:.3f}" for p in final.values()) + " |" for k in order

@@ -10,6 +10,7 @@ import rerun as rr
 
 from pipeline.views import palette
 from pipeline.views.rerun.labels import log_labels, part
+from pipeline.vocabulary import REGIMES, model_name
 
 if TYPE_CHECKING:
     from pipeline.arrays import FloatArray
@@ -51,7 +52,7 @@ def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
     models = tuple(robustness["model"].unique(maintain_order=True))
     for panel, (regime,) in enumerate(robustness.select("regime").unique(maintain_order=True).iter_rows()):
         left = panel * (_WIDTH + _GAP)
-        entity = f"robustness/{part(palette.REGIMES.get(regime, regime))}"
+        entity = f"robustness/{part(REGIMES.get(regime, regime))}"
         for model in models:
             rows = robustness.filter(regime=regime, model=model).sort("set_size")
             x, y = across(rows["set_size"].to_numpy(), panel), up(rows["value"].to_numpy())
@@ -71,12 +72,12 @@ def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
         numbers = np.stack([across(sizes, panel), np.full(sizes.size, _HEIGHT)], axis=1)
         log_labels(recording, f"{entity}/sizes", numbers, [f"{size:g}" for size in sizes])
         title = [(left + _WIDTH / 2, -_LABEL_DROP - 11.0)]
-        log_labels(recording, f"{entity}/title", title, [palette.REGIMES.get(regime, regime)])
+        log_labels(recording, f"{entity}/title", title, [REGIMES.get(regime, regime)])
     left_of = np.stack([np.full(marks.size, -0.5 * _LEFT), up(marks) - 0.5 * _LABEL_DROP], axis=1)
     log_labels(recording, "robustness/numbers", left_of, [f"{mark:g}" for mark in marks])
     named = [(0.25 * _WIDTH + 0.9 * _WIDTH * place, -_LABEL_DROP - 29.0) for place in range(len(models))]
     colors = [palette.model_color(model, models) for model in models]
-    log_labels(recording, "robustness/legend", named, [palette.model_name(m) for m in models], colors=colors)
+    log_labels(recording, "robustness/legend", named, [model_name(m) for m in models], colors=colors)
 
 
 def decades(low: float, high: float) -> FloatArray:

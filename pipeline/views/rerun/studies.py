@@ -21,16 +21,17 @@ from pipeline.views.rerun.labels import drawable, log_labels
 from pipeline.views.rerun.layout import page_view, text_view
 from pipeline.views.rerun.recording import written_recording
 from pipeline.views.task_summary import DensityCurve, DensityMap
+from pipeline.vocabulary import BOLTZMANN, LESS, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH, STUDIES, model_name
 
 if TYPE_CHECKING:
     from pipeline.arrays import FloatArray
 
 SET_NAMES = {"Xi_L": "Ξ_L", "Xi_B": "Ξ_B"}
 PEOPLE = {
-    "less": "TruePosterior: LESS people",
-    "boltzmann": "Boltzmann people",
-    "less-hidden": "LESS, hidden",
-    "less-hidden-own-bandwidth": "LESS, hidden, own σ",
+    LESS: f"TruePosterior: {model_name(LESS)} people",
+    BOLTZMANN: f"{model_name(BOLTZMANN)} people",
+    LESS_HIDDEN: model_name(LESS_HIDDEN),
+    LESS_HIDDEN_OWN_BANDWIDTH: model_name(LESS_HIDDEN_OWN_BANDWIDTH),
 }
 _APART = 0.22  # cells between paths that share a step
 _GRID, _PATH = rr.Radius.ui_points(0.4), rr.Radius.ui_points(1.2)
@@ -65,7 +66,7 @@ class StudyTables:
 
 def write_studies(path: Path, tables: StudyTables) -> None:
     """Write the recording with its layout inside, whole or not at all."""
-    with written_recording(path, "studies", studies_layout(tables)) as recording:
+    with written_recording(path, STUDIES, studies_layout(tables)) as recording:
         log_studies(recording, tables)
 
 

@@ -23,6 +23,7 @@ from pipeline.views.figures.style import COLUMN_IN, TEXT_IN, color, styled, writ
 from pipeline.views.figures.task import densities_figure, map_figure, posterior_figure
 from pipeline.views.intervals import compare_models, differences, with_mean_intervals, with_share_intervals
 from pipeline.views.task_summary import density_curve, density_map
+from pipeline.vocabulary import MODELS
 
 CHOICES = Path(__file__).resolve().parents[3] / "datasets" / "studies" / "human_choice" / "choices.csv"
 SIZE = 5
@@ -237,7 +238,7 @@ def test_a_model_has_the_same_color_everywhere() -> None:
     for figure, panel in ((human_choice(), 0), (true_posterior_figure(summary()), 0), (overall_figure(summary()), 0)):
         handles, labels = figure.axes[panel].get_legend_handles_labels()
         for handle, label in zip(handles, labels, strict=True):
-            for model, name in palette.MODEL_NAMES.items():
+            for model, name in MODELS.items():
                 if label == name:
                     assert handle.patches[0].get_facecolor()[:3] == pytest.approx(color(palette.MODELS[model]))
 
