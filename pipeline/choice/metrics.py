@@ -91,11 +91,23 @@ def kl_aggregate(log_posteriors: ArrayLike) -> float:
         raise ArgumentError(f"log_posteriors has shape {log_p.shape}; (R, K) with R, K >= 1 is needed.")
     if np.isnan(log_p).any() or not np.allclose(log_sum_exp(log_p, axis=1), 0.0, atol=1e-6):
         raise ArgumentError("log_posteriors has rows whose exponentials do not sum to one; give log probabilities.")
-    total = 0.0
-    for row in log_p:
-        possible = row > -np.inf  # a term with P_k = 0 is 0
-        total += float(np.sum(np.exp(row[possible]) * (row[possible] - log_p[:, possible])))
-    return total
+    return float(divergences(log_p).sum())
+
+
+def divergences(log_posteriors: FloatArray) -> FloatArray:
+    """Kullback-Leibler divergences of all ordered pairs of posteriors, in nats; their sum is KLAggregate.
+
+    Args:
+        log_posteriors: (..., R, K) log probabilities of R posteriors over the same K hypotheses, not checked.
+
+    Returns:
+        (..., R, R): entry [..., p, q] is sum_k P_k (log P_k - log Q_k), infinite where Q_k alone is zero.
+    """
+    log_p, log_q = log_posteriors[..., :, None, :], log_posteriors[..., None, :, :]
+    with np.errstate(invalid="ignore"):
+        ratios = np.where(log_p == -np.inf, 0.0, log_p - log_q)  # a term with P_k = 0 is 0
+        pairs = np.einsum("...pk,...pqk->...pq", np.exp(log_posteriors), ratios)
+    return np.asarray(np.where((ratios == np.inf).any(axis=-1), np.inf, pairs))
 
 
 def angle_to(theta_hat: ArrayLike, theta: ArrayLike) -> float:

@@ -22,8 +22,8 @@ from pipeline import vocabulary
 from pipeline.arrays import FloatArray
 from pipeline.choice.kernel.bandwidth import METHODS, select_bandwidth
 from pipeline.choice.kernel.density import log_density
+from pipeline.choice.kernel.join import join, own_log_weights
 from pipeline.choice.kernel.unique_rows import distinct_rows
-from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.path_size import check_incidence, check_lengths, log_path_sizes
 from pipeline.choice.validation import matrix, positive, read_only
 from pipeline.errors import ArgumentError, one_of
@@ -161,8 +161,8 @@ class LESS(_Weighing):
         """Weights from the kernel sums, with the bandwidth selected once, from these rows."""
         rows = matrix("features", compared)
         sigma = select_bandwidth(rows, self.bandwidth).value
-        log_w = read_only(0.0 - log_density(rows, sigma))
-        return WeightedSet(log_w, partial(_less_joined, rows, sigma, log_w))
+        log_sums = log_density(rows, sigma)
+        return WeightedSet(read_only(0.0 - log_sums), partial(_less_joined, rows, log_sums, sigma))
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,12 +222,9 @@ def _attribute_rule_joined(rows: FloatArray, log_w: FloatArray, row: Any) -> tup
     return -np.log(np.exp(-log_w) + identical), -math.log1p(int(identical.sum()))
 
 
-def _less_joined(rows: FloatArray, sigma: float, log_w: FloatArray, row: Any) -> tuple[FloatArray, float]:
-    """The trajectory adds its own kernel mass to every row, and to itself s(0) = 1."""
-    point = matrix("demonstrations", row, columns=rows.shape[1])
-    log_kernel = log_density(point, sigma, at=rows)
-    own = np.logaddexp(0.0, log_sum_exp(log_kernel))  # the kernel is symmetric
-    return -np.logaddexp(-log_w, log_kernel), -float(own)
+def _less_joined(rows: FloatArray, log_sums: FloatArray, sigma: float, row: Any) -> tuple[FloatArray, float]:
+    log_w, at_row = join(rows, log_sums, matrix("demonstrations", row, columns=rows.shape[1]), sigma)
+    return log_w[0], float(own_log_weights(at_row)[0])
 
 
 def _path_size_joined(

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike
 
 from pipeline.arrays import BoolArray, FloatArray
 from pipeline.choice.kernel import cost_model
-from pipeline.choice.kernel.density import RELATIVE_ERROR, log_density
+from pipeline.choice.kernel.density import RELATIVE_ERROR
 from pipeline.choice.kernel.domain_split import MOST, Slab, cut
 from pipeline.choice.kernel.fourier import DIMENSIONS, Grid, Sketch
+from pipeline.choice.kernel.join import join, own_log_weights
 from pipeline.choice.kernel.pairwise import NEGLIGIBLE, Neighbours
 from pipeline.choice.kernel.unique_rows import distinct_rows
 from pipeline.choice.log_sum_exp import LogSumExp, log_likelihood_joined, partial_normaliser
-from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.validation import matrix
 from pipeline.errors import ArgumentError
 from pipeline.vocabulary import BOLTZMANN, LESS
@@ -154,8 +154,7 @@ class JoinedSums:
     ) -> FloatArray:
         """(n, K, B) what `log_likelihood` returns for the whole set; arguments as in `joined_sums`."""
         points = matrix("demonstrations", demonstrations)
-        # the kernel at the demonstration itself is 1
-        own = np.zeros(len(points)) if self.log_kernel is None else 0.0 - np.logaddexp(0.0, self.log_kernel)
+        own = np.zeros(len(points)) if self.log_kernel is None else own_log_weights(self.log_kernel)
         every = np.broadcast_to(self.normaliser.total, (len(points), self.normaliser.total.shape[1]))
         normaliser = LogSumExp(self.normaliser.peak, every)
         return log_likelihood_joined(normaliser, points, own, thetas, betas, origin)
@@ -203,8 +202,7 @@ def joined_sums(
     sums = []
     for first in range(0, len(rows), step):
         block = slice(first, first + step)
-        log_kernels = np.stack([log_density(point[None], sigma, at=rows[block]) for point in points])
-        joined = 0.0 - np.logaddexp(log_sums[block], log_kernels)
+        joined, at_points = join(rows[block], log_sums[block], points, sigma)
         normaliser = partial_normaliser(rows[block], 0.0 - log_sums[block], thetas, betas, origin, joined)
-        sums.append(JoinedSums(normaliser, log_sum_exp(log_kernels, axis=1)))
+        sums.append(JoinedSums(normaliser, at_points))
     return sum(sums[1:], start=sums[0])

@@ -7,7 +7,9 @@ import pytest
 from scipy.special import rel_entr
 
 from pipeline.choice import angle_to, entropy, kl_aggregate, true_match, true_posterior
+from pipeline.choice.metrics import divergences
 from pipeline.errors import ArgumentError
+from tests.oracles.slow_robustness import kl_aggregate as slow_kl_aggregate
 
 
 def test_true_posterior_and_match() -> None:
@@ -42,6 +44,17 @@ def test_kl_aggregate_beyond_what_probabilities_can_hold() -> None:
 def test_kl_aggregate_is_infinite_only_where_a_probability_is_zero() -> None:
     assert kl_aggregate([[0.0, -math.inf], [math.log(0.5)] * 2]) == math.inf
     assert kl_aggregate([[0.0, -math.inf], [0.0, -math.inf]]) == 0
+
+
+def test_divergences_of_many_sets_of_posteriors_at_once() -> None:
+    p = np.random.default_rng(1).dirichlet(np.ones(7), (2, 5))
+    pairs = divergences(np.log(p))
+    assert pairs.shape == (2, 5, 5)
+    for of_set, posteriors in zip(pairs, p, strict=True):
+        assert of_set.sum() == pytest.approx(slow_kl_aggregate(posteriors.tolist()), rel=1e-12)
+        assert of_set[1, 3] == pytest.approx(rel_entr(posteriors[1], posteriors[3]).sum(), rel=1e-12)
+    impossible = np.array([[0.0, -1000.0], [0.0, -math.inf]])
+    np.testing.assert_array_equal(divergences(impossible), [[0.0, math.inf], [0.0, 0.0]])
 
 
 def test_angles() -> None:

@@ -7,22 +7,9 @@ import polars as pl
 from scipy.special import entr
 
 from pipeline.arrays import FloatArray
+from pipeline.choice.metrics import divergences
 from pipeline.studies.robustness.problem import Demonstrations, unit
 from pipeline.vocabulary import ALL
-
-
-def divergences(log_posteriors: FloatArray) -> FloatArray:
-    """Kullback-Leibler divergences between all ordered pairs of posteriors, nats.
-
-    Args:
-        log_posteriors: (R, G, K): for each of G demonstrations, R posteriors over the same K hypotheses.
-
-    Returns:
-        (G, R, R): entry [g, p, q] is sum_k P_k (log P_k - log Q_k). Their sum is the paper's KLAggregate.
-    """
-    log_p = np.moveaxis(log_posteriors, 1, 0)
-    difference = log_p[:, :, None] - log_p[:, None]
-    return np.asarray(np.einsum("gpk,gpqk->gpq", np.exp(log_p), difference))
 
 
 def jackknife_interval(pairs: FloatArray, level: float = 0.95) -> tuple[float, float] | None:
@@ -70,7 +57,7 @@ def measures(
         probable theta and the truth); `truth_to_grid_rad`. The last three are null where the truth is not known.
     """
     count = len(marginals)
-    pairs = divergences(marginals)
+    pairs = divergences(np.moveaxis(marginals, 1, 0))
     totals = pairs.sum(axis=(1, 2))
     entropies = entr(np.exp(marginals)).sum(axis=2).mean(axis=0)
     best = marginals.argmax(axis=2)
