@@ -64,7 +64,9 @@ def with_mean_intervals(summary: pl.DataFrame) -> pl.DataFrame:
 
 
 def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:
-    """How well each model predicts one task's demonstrations, as the catalog's `model_comparison` has it.
+    """How well each model predicts one task's demonstrations.
+
+    The catalog's view `model_comparison` says the same in SQL, of all tasks; the tests hold one to the other.
 
     Args:
         held_out: rows of one set of the table `held_out`.
@@ -72,7 +74,7 @@ def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:
     Returns:
         per model: `model`, `demonstrations`, `mean` log predictive probability per demonstration (nats),
         `standard_error`, and `difference` to Boltzmann, demonstration by demonstration, with
-        `difference_standard_error`; both null for Boltzmann itself and where Boltzmann was not inferred.
+        `difference_standard_error`; both are 0 for Boltzmann itself and null where Boltzmann was not inferred.
     """
     scores = {
         str(model): HeldOutScore(rows.sort("demonstration_id")["log_predictive"].to_numpy())
@@ -81,7 +83,7 @@ def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:
     reference = scores.get(BOLTZMANN)
     rows = []
     for model, score in scores.items():
-        over = None if reference is None or score is reference else compare_held_out(score, reference)
+        over = None if reference is None else compare_held_out(score, reference)
         rows.append(
             {
                 "model": model,

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
 
 from pipeline.formats.duckdb.catalog import ask
 from pipeline.formats.parquet.tables import read_table
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample
+from pipeline.views.intervals import compare_models
 from pipeline.workspace.project import Project
 from tests.oracles import slow_choice
 
@@ -94,6 +96,12 @@ def test_the_catalog_compares_models_pair_by_pair(make_project: Make, parameters
         assert row["difference"] == pytest.approx(math.fsum(gain) / 3, rel=1e-9, abs=1e-12)
         assert row["difference_standard_error"] == pytest.approx(statistics.stdev(gain) / math.sqrt(3), rel=1e-9)
     assert answer.filter(model="less")["difference"].item() != 0
+    assert_the_figure_says_the_same(project, answer)
+
+
+def assert_the_figure_says_the_same(project: Project, answer: pl.DataFrame) -> None:
+    shown = compare_models(table(project, "held_out").filter(set_id="working")).sort("model")
+    assert_frame_equal(answer.select(shown.columns), shown, rel_tol=1e-12, abs_tol=1e-12)
 
 
 def test_without_boltzmann_there_is_no_difference(make_project: Make, parameters: dict[str, Any]) -> None:
@@ -101,7 +109,9 @@ def test_without_boltzmann_there_is_no_difference(make_project: Make, parameters
     project = make_project(parameters)
     run_chain(project)
     catalog.run(project)
-    row = ask(project.catalog, "from model_comparison").row(0, named=True)
+    answer = ask(project.catalog, "from model_comparison")
+    assert_the_figure_says_the_same(project, answer)
+    row = answer.row(0, named=True)
     assert row["mean"] < 0
     assert row["difference"] is None
     assert row["difference_standard_error"] is None

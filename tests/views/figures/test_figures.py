@@ -278,7 +278,7 @@ def test_held_out_shows_every_demonstration_and_the_mean() -> None:
     assert len(dots) == 3
     means = [float(line.get_xdata()[0]) for line in right.lines if line.get_marker() == "D"]
     assert means == pytest.approx([0.3, -0.15])
-    assert comparison["difference"].to_list() == [None, pytest.approx(0.3), pytest.approx(-0.15)]
+    assert comparison["difference"].to_list() == [0.0, pytest.approx(0.3), pytest.approx(-0.15)]
     # sample deviation of 0.2, 0.4, 0.2, 0.4, 0.2, 0.4 is 0.1 sqrt(6/5)
     assert comparison["difference_standard_error"][1] == pytest.approx(0.1 * np.sqrt(6 / 5) / np.sqrt(6))
 
