@@ -80,7 +80,10 @@ class _Section(BaseModel):
 
 
 class Task(_Section):
-    """One task: a scene, where its recordings are, and what may matter in it."""
+    """One task: a scene, where its recordings are, and what may matter in it.
+
+    `features` are what the robot looks at; `preferences`, features too, are what paths are planned for.
+    """
 
     scene: str
     end_effector: str

@@ -126,9 +126,14 @@ class FeatureSet:
         motions = replay(self.scene, waypoints)
         values = np.empty((len(waypoints), len(self.names)))
         for motion in motions:
-            rows = slice(motion.first, motion.first + len(motion.waypoints))
-            for column, function in enumerate(self._functions):
-                values[rows, column] = self._checked(self.names[column], function(motion), motion)
+            values[motion.first : motion.first + len(motion.waypoints)] = self.of(motion)
+        return values
+
+    def of(self, motion: Motion) -> FloatArray:
+        """All features of the n trajectories of one replay, (n, F); errors as in `evaluate`."""
+        values = np.empty((len(motion.waypoints), len(self.names)))
+        for column, (name, function) in enumerate(zip(self.names, self._functions, strict=True)):
+            values[:, column] = self._checked(name, function(motion), motion)
         return values
 
     def _checked(self, name: str, result: FloatArray, motion: Motion) -> FloatArray:
@@ -147,12 +152,13 @@ class FeatureSet:
         return result
 
 
-def bind_features(scene: Scene, specs: Mapping[str, Mapping[str, object]]) -> FeatureSet:
+def bind_features(scene: Scene, specs: Mapping[str, Mapping[str, object]], section: str = "features") -> FeatureSet:
     """Check the features that a task names against their kinds and the scene, once.
 
     Args:
         scene: from `load_scene`.
         specs: name -> {"kind": one of KINDS, and the kind's keyword arguments}; at least one.
+        section: what messages call the mapping, `preferences` if paths are planned for them.
 
     Raises:
         ParameterError: no feature, an unknown kind, an argument that is unknown, missing, of another type or out of
@@ -160,16 +166,15 @@ def bind_features(scene: Scene, specs: Mapping[str, Mapping[str, object]]) -> Fe
         SceneError: an argument names a body or site that the scene lacks.
     """
     if not specs:
-        raise ParameterError("features is empty; name at least one.")
-    bound = [_bind(name, specs[name]) for name in specs]
+        raise ParameterError(f"{section} is empty; name at least one.")
+    bound = [_bind(f"{section}.{name}", specs[name]) for name in specs]
     units = [kind.unit if isinstance(kind.unit, str) else kind.unit(scene) for kind, _ in bound]
     features = FeatureSet(scene, tuple(specs), tuple(units), tuple(function for _, function in bound))
-    _try_out(features)
+    _try_out(features, section)
     return features
 
 
-def _bind(name: str, spec: Mapping[str, object]) -> tuple[Kind, Callable[[Motion], FloatArray]]:
-    path = f"features.{name}"
+def _bind(path: str, spec: Mapping[str, object]) -> tuple[Kind, Callable[[Motion], FloatArray]]:
     arguments = dict(spec)
     kind = KINDS.get(str(arguments.pop("kind", None)))
     if kind is None:
@@ -202,7 +207,7 @@ def _typed(path: str, value: object, wanted: Any) -> object:
     return value
 
 
-def _try_out(features: FeatureSet) -> None:
+def _try_out(features: FeatureSet, section: str) -> None:
     """Evaluate each feature at rest: unknown names and values out of range show before any work is done."""
     rest = np.tile(features.scene.home[features.scene.qpos_addresses], (1, 2, 1))
     (motion,) = replay(features.scene, rest)
@@ -210,6 +215,6 @@ def _try_out(features: FeatureSet) -> None:
         try:
             features._checked(name, function(motion), motion)
         except ArgumentError as error:
-            raise ParameterError(f"features.{name}: {error}") from error
+            raise ParameterError(f"{section}.{name}: {error}") from error
         except SceneError as error:
-            raise SceneError(f"features.{name}: {error}") from error
+            raise SceneError(f"{section}.{name}: {error}") from error

@@ -11,7 +11,7 @@ from pipeline.arrays import BoolArray, FloatArray
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
 from pipeline.params import Task
-from pipeline.replay.preferences import Preferences
+from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.replay import Surface, clear_of, replay
 from pipeline.replay.scene import Scene
 from pipeline.trajectories.optimise import Assess, Search
@@ -71,9 +71,13 @@ class Planning:
         return Anchor(self.scene.start, self.scene.goal)
 
     @cached_property
-    def preferences(self) -> Preferences:
-        """The terms that a path may be planned for."""
-        return Preferences(self.scene, self.task.preferences)
+    def preferences(self) -> FeatureSet:
+        """What a path may be planned for: features of any registered kind, since a plan is judged by its replay.
+
+        The task lists them apart from the robot's features. Those are its guess at what people care about, and a change
+        of the guess must change neither the people nor the paths that were sampled.
+        """
+        return bind_features(self.scene, self.task.preferences, "preferences")
 
     @property
     def room(self) -> Room:
@@ -84,7 +88,7 @@ class Planning:
         """(N, T, J) -> raw cost terms (N, F) and whether the surface is cleared (N,), from one replay."""
         top = Surface(self.scene, self.task.surface) if self.task.surface else None
         parts = [
-            (self.preferences.terms(motion), top.cleared_by(motion) if top else np.ones(len(motion.waypoints), bool))
+            (self.preferences.of(motion), top.cleared_by(motion) if top else np.ones(len(motion.waypoints), bool))
             for motion in replay(self.scene, waypoints)
         ]
         return np.concatenate([terms for terms, _ in parts]), np.concatenate([clear for _, clear in parts])

@@ -1,0 +1,60 @@
+"""Paths are planned for features: the registry's own, of every kind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pipeline.errors import ParameterError
+from pipeline.params import Task
+from pipeline.replay.planning import Planning
+from pipeline.replay.scene import Scene
+from pipeline.trajectories.optimise import Search, optimise_paths
+from pipeline.trajectories.paths import Anchor, straight_path
+from pipeline.trajectories.samplers import Deformation
+
+T = 11
+ENDS = Anchor(np.array([0.0, -0.8, 0.2]), np.array([0.9, 0.9, 0.6]))
+KINDS = {
+    "steps": {"kind": "efficiency"},
+    "over bin": {"kind": "height", "above": "bin"},
+    "close": {"kind": "proximity", "object": "bin", "radius_m": 0.9},
+    "way": {"kind": "path_length"},
+    "lean": {"kind": "tilt", "body": "hook"},
+}
+
+
+def planning(scene: Scene, preferences: dict[str, dict[str, object]]) -> Planning:
+    # names of features are checked where params.yaml is read; here only what is planned for matters
+    task = Task.model_construct(scene="gantry.xml", surface=None, preferences=preferences)
+    return Planning(scene, task, T)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_can_be_planned_for(gantry: Scene, name: str) -> None:
+    """Plans for one feature alone have less of it than the straight path, or, of steps, as little."""
+    plan = planning(gantry, {name: KINDS[name]})
+    scales = plan.preference_scales(np.random.default_rng(0), ENDS, Deformation())
+    best = optimise_paths(
+        [np.random.default_rng(1)], ENDS, np.ones((1, 1)), plan.scaled(scales),
+        lower=gantry.lower, upper=gantry.upper, n_waypoints=T, search=Search(iterations=40),
+    )  # fmt: skip
+    straight = plan.scaled(scales)(straight_path(ENDS, T)[None])[0].item()
+    if name == "steps":
+        assert best.costs[0] == pytest.approx(straight, rel=0.02)
+    else:
+        assert best.costs[0] < 0.98 * straight
+
+
+def test_terms_are_those_of_the_features(gantry: Scene) -> None:
+    plan = planning(gantry, KINDS)
+    paths = straight_path(ENDS, T) + 0.1 * np.random.default_rng(2).normal(size=(7, T, 3))
+    terms, clear = plan.assess(paths)
+    np.testing.assert_array_equal(terms, plan.preferences.evaluate(paths))
+    assert clear.all()
+    assert plan.preferences.names == tuple(KINDS)
+
+
+def test_an_unknown_kind_is_refused_under_its_own_name(gantry: Scene) -> None:
+    with pytest.raises(ParameterError, match=r"^preferences\.p\.kind is 'speed'; allowed are efficiency, height, path"):
+        _ = planning(gantry, {"p": {"kind": "speed"}}).preferences
