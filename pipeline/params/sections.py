@@ -236,7 +236,14 @@ class ShiftedSampler(_Section):
 
 
 class Duplicates(_Section):
-    """Near-copies that are slipped into sets of alternatives."""
+    """Near-copies that are slipped into sets of alternatives.
+
+    Attributes:
+        set_size: of the independent sets that they are slipped into.
+        copied: how many alternatives of a set are copied, picked at random.
+        copies: how many near-copies of each, one number per experiment.
+        spreads: standard deviation of a copy's scaled features around the original's, one per experiment; 0 is exact.
+    """
 
     set_size: Annotated[int, Field(strict=True, ge=2)]
     copied: Annotated[int, Field(strict=True, ge=1)]
@@ -284,8 +291,18 @@ class HumanChoice(_Section):
     compare_with_paper: StrictBool
 
 
-class GridWorld(_Section):
-    """See `pipeline.studies.grid_world.trials.GridWorldSettings`."""
+class GridWorldSettings(_Section):
+    """The grid world; the paper publishes none of it but the number of seeds. All was chosen before the first run.
+
+    Attributes:
+        size: cells per side. 10 gives 48,620 paths, few enough to sum over all of them.
+        objects: cells of the two objects. Mirror images in the diagonal from start to goal, so that neither is favoured,
+            each midway between the centre and its corner of the grid, so that paths can pass on both sides.
+        beta: inverse temperature of people and robot, on features scaled to a range of 1. 10, as log 48,620 = 10.8: the
+            largest difference in reward then weighs about as much as the number of paths, and neither decides alone.
+        demonstrations: paths per set. 5: the paper's examples speak of two demonstrations and several others.
+        seeds: demonstration sets per theta and sampling model; 150 in the paper.
+    """
 
     size: Annotated[int, Field(strict=True, ge=3, le=11)]
     objects: tuple[tuple[Cell, Cell], tuple[Cell, Cell]]
@@ -293,12 +310,19 @@ class GridWorld(_Section):
     demonstrations: Annotated[int, Field(strict=True, ge=1)]
     seeds: Annotated[int, Field(strict=True, ge=2)]
 
+    @model_validator(mode="after")
+    def _objects_on_the_grid(self) -> GridWorldSettings:
+        corner = self.size - 1
+        if any(coordinate > corner for cell in self.objects for coordinate in cell):
+            raise ValueError(f"objects is {self.objects}; give two cells with coordinates from 0 to {corner}")
+        return self
+
 
 class Studies(_Section):
     """The experiments that do not need a robot."""
 
     human_choice: HumanChoice
-    grid_world: GridWorld
+    grid_world: GridWorldSettings
 
 
 class Params(_Section):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pipeline.formats.parquet.tables import write_table
 from pipeline.studies.grid_world.study import run_grid_world
-from pipeline.studies.grid_world.trials import GridWorldSettings
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
@@ -14,7 +13,7 @@ def run(project: Project) -> None:
     """Write grid_world.parquet and the grid_world tables that sum it up."""
     settings = project.params.studies.grid_world
     with recorded_run(project, "grid-world", STUDIES) as record:
-        study = run_grid_world(GridWorldSettings(**settings.model_dump(), random_seed=project.params.seed))
+        study = run_grid_world(settings, project.params.seed)
         tables = {
             "grid_world": study.trials,
             "grid_world_bandwidths": study.bandwidths,

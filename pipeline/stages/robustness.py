@@ -19,7 +19,7 @@ from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.infer import hypotheses
 from pipeline.studies.robustness.divergence import true_direction
-from pipeline.studies.robustness.duplicates import Duplication, inject_duplicates
+from pipeline.studies.robustness.duplicates import inject_duplicates
 from pipeline.studies.robustness.problem import ChoiceSets, Demonstrations, Problem
 from pipeline.studies.robustness.samplings import COMPARED, RobustnessResult, compare_samplings
 from pipeline.studies.robustness.sensitivity import vary_choices
@@ -97,7 +97,7 @@ def _tables(
     duplicates = inject_duplicates(
         problem,
         tuple(sets for sets in problem.regimes[INDEPENDENT] if sets.set_size == settings.duplicates.set_size),
-        Duplication(settings.duplicates.copied, settings.duplicates.copies, settings.duplicates.spreads),
+        settings.duplicates,
         bandwidth,
         lambda set_id, anchor: child_rng(project.params.seed, "duplicates", name, anchor, set_id),
         watched[2],

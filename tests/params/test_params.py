@@ -59,6 +59,8 @@ def put(document: dict[str, Any], path: str, value: Any) -> None:
         ("seed", "today", "seed is 'today'"),
         ("tasks.table.features.kind", {"kind": "height"}, "a feature cannot be called 'kind'"),
         ("infer.betas", [], r"infer\.betas is empty; list at least 1"),
+        ("studies.grid_world.objects", [[0, 10], [1, 1]], r"studies\.grid_world: objects is .* from 0 to 9"),
+        ("tasks.table.anchor", 3, r"tasks\.table\.anchor is 3; it should be 'task' or 'demonstration'"),
         ("sample.sizes", [10, 10], r"sample\.sizes: the same value is listed twice"),
         ("sample.via-point.reach_rad", -1, r"sample\.via-point\.reach_rad is -1; it should be greater than 0"),
     ],

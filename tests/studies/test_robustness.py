@@ -10,8 +10,9 @@ from scipy.stats import binom
 from pipeline.choice import Boltzmann, angle_to, kl_aggregate, log_likelihood, posterior_from, theta_grid
 from pipeline.choice.metrics import divergences
 from pipeline.errors import StageError
+from pipeline.params import Duplicates
 from pipeline.studies.robustness.divergence import jackknife_interval, true_direction
-from pipeline.studies.robustness.duplicates import Duplication, inject_duplicates
+from pipeline.studies.robustness.duplicates import inject_duplicates
 from pipeline.studies.robustness.importance import effective_sample_size, weighted_log_likelihood
 from pipeline.studies.robustness.problem import (
     ChoiceSets,
@@ -206,8 +207,8 @@ def test_sets_of_ones_own_anchor(problem: Problem) -> None:
 
 def test_duplicates_against_sets_made_by_hand(problem: Problem) -> None:
     samplings = problem.regimes[INDEPENDENT][3:]
-    duplication = Duplication(copied=2, copies=(1, 3), spreads=(0.0, 0.1))
-    table = inject_duplicates(problem, samplings, duplication, SIGMA, lambda set_id, anchor: np.random.default_rng(9))
+    settings = Duplicates(set_size=15, copied=2, copies=(1, 3), spreads=(0.0, 0.1))
+    table = inject_duplicates(problem, samplings, settings, SIGMA, lambda set_id, anchor: np.random.default_rng(9))
     for spread in (0.0, 0.1):
         shifts = []
         for s in samplings:
@@ -230,9 +231,8 @@ def test_exact_copies_of_lone_alternatives_move_boltzmann_alone() -> None:
     people = Demonstrations(("d",), ("ann",), np.array([[0.35, 1.3]]), (None,))
     samplings = (ChoiceSets(12, "0", {"task": phi}, {}), ChoiceSets(12, "1", {"task": phi[::-1]}, {}))
     problem = Problem(people, {INDEPENDENT: samplings}, THETAS, BETAS)
-    table = inject_duplicates(
-        problem, samplings, Duplication(3, (1, 10), (0.0,)), 1e-3, lambda set_id, anchor: np.random.default_rng(1)
-    )
+    settings = Duplicates(set_size=12, copied=3, copies=(1, 10), spreads=(0.0,))
+    table = inject_duplicates(problem, samplings, settings, 1e-3, lambda set_id, anchor: np.random.default_rng(1))
     shift = {key: table.filter(model=key[0], copies=key[1], demonstration_id="d")["kl_from_clean"].item()
              for key in (("boltzmann", 1), ("boltzmann", 10), ("less", 10), ("less-clean-bandwidth", 10))}  # fmt: skip
     assert shift["boltzmann", 10] > shift["boltzmann", 1] > 1e-4

@@ -8,11 +8,11 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray, IndexArray
+from pipeline.params import GridWorldSettings
 from pipeline.studies.grid_world.trials import (
     SAMPLING_MODELS,
     THETAS,
     GridWorld,
-    GridWorldSettings,
     draw_demonstrations,
     posteriors,
 )
@@ -41,7 +41,9 @@ class GridWorldExamples:
     density_2d: pl.DataFrame
 
 
-def examples(world: GridWorld, settings: GridWorldSettings, trials: pl.DataFrame) -> GridWorldExamples:
+def examples(
+    world: GridWorld, settings: GridWorldSettings, random_seed: int, trials: pl.DataFrame
+) -> GridWorldExamples:
     """The sets with the largest lead of LESS (Xi_L) and of Boltzmann (Xi_B) in TruePosterior; the first of equals."""
     leads = (
         trials.filter(pl.col("sampling_model").is_in(SAMPLING_MODELS))
@@ -52,7 +54,7 @@ def examples(world: GridWorld, settings: GridWorldSettings, trials: pl.DataFrame
     chosen["Xi_B"] = leads.row(leads["lead"].arg_min() or 0, named=True)
     path_tables, posterior_tables = [], []
     for name, one in chosen.items():
-        drawn = draw_demonstrations(world.log_probabilities[one["sampling_model"]], settings)
+        drawn = draw_demonstrations(world.log_probabilities[one["sampling_model"]], settings, random_seed)
         rows = drawn[one["theta_id"], one["seed"]]
         path_tables.append(_paths(world, rows).select(_set(name, one), pl.all()).unnest("of"))
         for model in SAMPLING_MODELS:

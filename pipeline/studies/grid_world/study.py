@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import polars as pl
 
+from pipeline.params import GridWorldSettings
 from pipeline.studies.grid_world.analysis import GridWorldAnalysis, analyse
 from pipeline.studies.grid_world.examples import GridWorldExamples, examples
-from pipeline.studies.grid_world.trials import GridWorldSettings, build_world, run_trials
+from pipeline.studies.grid_world.trials import build_world, run_trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +34,19 @@ class GridWorldStudy:
     bandwidths: pl.DataFrame
 
 
-def run_grid_world(settings: GridWorldSettings) -> GridWorldStudy:
+def run_grid_world(settings: GridWorldSettings, random_seed: int, bandwidth: float | None = None) -> GridWorldStudy:
     """Run the whole study.
 
+    Args:
+        settings: the grid world and how much is drawn in it.
+        random_seed: root of every random number.
+        bandwidth: as in `build_world`.
+
     Raises:
-        ArgumentError: a setting is out of range, or the trials do not vary enough for the statistics.
+        ArgumentError: the bandwidth is not positive, or the trials do not vary enough for the statistics.
         BandwidthError: no bandwidth could be selected.
     """
-    world = build_world(settings)
-    trials = run_trials(world, settings)
+    world = build_world(settings, bandwidth)
+    trials = run_trials(world, settings, random_seed)
     bandwidths = pl.DataFrame({"sampling_model": list(world.bandwidths), "bandwidth": list(world.bandwidths.values())})
-    return GridWorldStudy(trials, analyse(trials), examples(world, settings, trials), bandwidths)
+    return GridWorldStudy(trials, analyse(trials), examples(world, settings, random_seed, trials), bandwidths)

@@ -28,7 +28,7 @@ from pipeline.choice import (
     true_posterior,
 )
 from pipeline.choice.scaling import feature_scale
-from pipeline.errors import ArgumentError
+from pipeline.params import GridWorldSettings
 from pipeline.trajectories.grid_world import Cells, link_incidence, mean_distances, mean_positions, shortest_paths
 from pipeline.vocabulary import LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH
 
@@ -47,43 +47,6 @@ _TRIALS = {
     "true_posterior": pl.Float64,
     "true_match": pl.Boolean,
 }
-
-
-@dataclass(frozen=True)
-class GridWorldSettings:
-    """What can be set; the paper publishes none of it but the number of seeds. All was chosen before the first run.
-
-    Attributes:
-        size: cells per side. 10 gives 48,620 paths, few enough to sum over all of them.
-        objects: cells of the two objects. Mirror images in the diagonal from start to goal, so that neither is favoured,
-            each midway between the centre and its corner of the grid, so that paths can pass on both sides.
-        beta: inverse temperature of people and robot, on features scaled to a range of 1. 10, as log 48,620 = 10.8: the
-            largest difference in reward then weighs about as much as the number of paths, and neither decides alone.
-        demonstrations: paths per set. 5: the paper's examples speak of two demonstrations and several others.
-        seeds: demonstration sets per theta and sampling model; 150 in the paper.
-        bandwidth: sigma of the LESS kernel in scaled features, or None for leave-one-out.
-        random_seed: root of every random number.
-    """
-
-    size: int = 10
-    objects: tuple[tuple[int, int], tuple[int, int]] = ((2, 7), (7, 2))
-    beta: float = 10.0
-    demonstrations: int = 5
-    seeds: int = 150
-    bandwidth: float | None = None
-    random_seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name, least in (("demonstrations", 1), ("seeds", 2), ("random_seed", 0)):
-            if getattr(self, name) < least:
-                raise ArgumentError(f"{name} is {getattr(self, name)}; it must be at least {least}.")
-        if not (np.isfinite(self.beta) and self.beta > 0):
-            raise ArgumentError(f"beta is {self.beta}; it must be a positive number.")
-        if self.bandwidth is not None and not (np.isfinite(self.bandwidth) and self.bandwidth > 0):
-            raise ArgumentError(f"bandwidth is {self.bandwidth}; it must be a positive number, or none is given.")
-        corner = self.size - 1
-        if len(self.objects) != 2 or any(not 0 <= c <= corner for cell in self.objects for c in cell):
-            raise ArgumentError(f"objects is {self.objects}; give two cells with coordinates from 0 to {corner}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +68,23 @@ class GridWorld:
     log_density: FloatArray
 
 
-def build_world(settings: GridWorldSettings) -> GridWorld:
-    """Enumerate the paths and let every model say how likely each is chosen, given each theta."""
+def build_world(settings: GridWorldSettings, bandwidth: float | None = None) -> GridWorld:
+    """Enumerate the paths and let every model say how likely each is chosen, given each theta.
+
+    Args:
+        settings: the grid world.
+        bandwidth: sigma of the LESS kernels in scaled features, selected by leave-one-out if not given.
+
+    Raises:
+        ArgumentError: the bandwidth is not positive.
+        BandwidthError: no bandwidth could be selected.
+    """
     paths = shortest_paths(settings.size)
     features = _scaled(mean_distances(paths, settings.objects), ("first", "second"))
     # mean y is size - 1 - mean x here, so the hidden direction counts twice, as two features that agree do
     seen = np.column_stack([features, _scaled(mean_positions(paths), ("mean_x", "mean_y"))])
-    sigma = settings.bandwidth or select_bandwidth(features).value
-    own_sigma = settings.bandwidth or select_bandwidth(seen).value
+    sigma = select_bandwidth(features).value if bandwidth is None else bandwidth
+    own_sigma = select_bandwidth(seen).value if bandwidth is None else bandwidth
     bandwidths = dict(zip((LESS.name, *HIDDEN_MODELS), (sigma, sigma, own_sigma), strict=True))
     models: dict[str, tuple[Model, Any]] = {
         Boltzmann.name: (Boltzmann(), None),
@@ -129,7 +101,7 @@ def build_world(settings: GridWorldSettings) -> GridWorld:
     return GridWorld(paths, features, log_probabilities, bandwidths, log_density(features, sigma))
 
 
-def draw_demonstrations(log_p: FloatArray, settings: GridWorldSettings) -> IndexArray:
+def draw_demonstrations(log_p: FloatArray, settings: GridWorldSettings, random_seed: int) -> IndexArray:
     """(K, seeds, demonstrations) rows of the choice set, drawn independently with probabilities exp(log_p), (K, N).
 
     A theta and a seed have the same uniform numbers under every sampling model: the sets of one subject of the
@@ -139,7 +111,7 @@ def draw_demonstrations(log_p: FloatArray, settings: GridWorldSettings) -> Index
     cumulative /= cumulative[:, -1:]
     shape = (settings.seeds, settings.demonstrations)
     drawn = [
-        np.searchsorted(row, np.random.default_rng([settings.random_seed, k]).random(shape), side="right")
+        np.searchsorted(row, np.random.default_rng([random_seed, k]).random(shape), side="right")
         for k, row in enumerate(cumulative)
     ]
     return np.stack(drawn)
@@ -154,8 +126,13 @@ def posteriors(log_p: FloatArray, drawn: IndexArray) -> FloatArray:
     return result
 
 
-def run_trials(world: GridWorld, settings: GridWorldSettings) -> pl.DataFrame:
+def run_trials(world: GridWorld, settings: GridWorldSettings, random_seed: int) -> pl.DataFrame:
     """Every demonstration set under every inference model.
+
+    Args:
+        world: from `build_world` with these settings.
+        settings: how many demonstrations a set has, and how many sets there are.
+        random_seed: root of every random number.
 
     Returns:
         `sampling_model`, `inference_model`, `theta_id`, `seed`, `true_posterior` and `true_match`: whether the true
@@ -163,7 +140,7 @@ def run_trials(world: GridWorld, settings: GridWorldSettings) -> pl.DataFrame:
     """
     tables = []
     for sampling_model in (*SAMPLING_MODELS, *HIDDEN_MODELS):
-        drawn = draw_demonstrations(world.log_probabilities[sampling_model], settings)
+        drawn = draw_demonstrations(world.log_probabilities[sampling_model], settings, random_seed)
         for inference_model in INFERENCE_MODELS:
             posterior = posteriors(world.log_probabilities[inference_model], drawn)
             rows = [

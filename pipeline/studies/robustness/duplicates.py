@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
+from pipeline.params import Duplicates
 from pipeline.studies.robustness.problem import (
     Bandwidths,
     ChoiceSets,
@@ -25,25 +26,10 @@ from pipeline.studies.robustness.problem import (
 from pipeline.vocabulary import ALL, BOLTZMANN, LESS, LESS_CLEAN_BANDWIDTH
 
 
-@dataclass(frozen=True)
-class Duplication:
-    """What is slipped in.
-
-    Attributes:
-        copied: how many alternatives of a set are copied, picked at random.
-        copies: how many near-copies of each, one number per experiment.
-        spreads: standard deviation of a copy's scaled features around the original's, one per experiment; 0 is exact.
-    """
-
-    copied: int
-    copies: Sequence[int]
-    spreads: Sequence[float]
-
-
 def inject_duplicates(
     problem: Problem,
     samplings: tuple[ChoiceSets, ...],
-    duplication: Duplication,
+    settings: Duplicates,
     bandwidth: str | float,
     stream: Callable[[str, str], np.random.Generator],
     watched: Callable[[Sequence[tuple[int, float]]], Iterable[tuple[int, float]]] = iter,
@@ -57,7 +43,7 @@ def inject_duplicates(
     Args:
         problem: demonstrations and hypotheses.
         samplings: the R clean samplings.
-        duplication: what is slipped in.
+        settings: what is slipped in.
         bandwidth: how LESS finds its bandwidth, or that bandwidth.
         stream: random stream of a sampling's id and an anchor.
         watched: what pairs of copies and spread go through on their way, as in `compare_samplings`.
@@ -73,9 +59,9 @@ def inject_duplicates(
         LESS: _marginals(problem, samplings, less_score(problem, clean_widths.__getitem__)),
     }
     clean[LESS_CLEAN_BANDWIDTH] = clean[LESS]
-    noises = {sets: _noises(sets, duplication, stream) for sets in samplings}
+    noises = {sets: _noises(sets, settings, stream) for sets in samplings}
     rows = []
-    for copies, spread in watched(list(product(duplication.copies, duplication.spreads))):
+    for copies, spread in watched(list(product(settings.copies, settings.spreads))):
         joined = tuple(_with_copies(sets, noises[sets], copies, spread) for sets in samplings)
         anew = select_bandwidths(joined, bandwidth)
         kept = dict(zip(joined, clean_widths.values(), strict=True))
@@ -95,12 +81,12 @@ Noise = Mapping[
 ]  # per anchor: rows that are copied, standard normal (copies, copied, F)
 
 
-def _noises(sets: ChoiceSets, duplication: Duplication, stream: Callable[[str, str], np.random.Generator]) -> Noise:
+def _noises(sets: ChoiceSets, settings: Duplicates, stream: Callable[[str, str], np.random.Generator]) -> Noise:
     noises = {}
     for anchor, phi in sets.features.items():
         rng = stream(sets.set_id, anchor)
-        picked = rng.choice(len(phi), size=duplication.copied, replace=False)
-        noises[anchor] = (phi[picked], rng.standard_normal((max(duplication.copies), *phi[picked].shape)))
+        picked = rng.choice(len(phi), size=settings.copied, replace=False)
+        noises[anchor] = (phi[picked], rng.standard_normal((max(settings.copies), *phi[picked].shape)))
     return noises
 
 
