@@ -12,8 +12,9 @@ from mcap.records import Channel, Header, Metadata, Schema
 from numpy.lib.stride_tricks import sliding_window_view
 
 from pipeline.arrays import ByteArray, IntArray
-from pipeline.formats.mcap.container import FRAME, CutOff, Limits, Meter, parse, scan
+from pipeline.formats.mcap.container import FRAME, CutOff, parse, scan
 from pipeline.formats.mcap.joint_state_cdr import JointBlock, decode_joint_states
+from pipeline.formats.mcap.limits import Limits, Meter
 from pipeline.formats.mcap.rejection_reasons import rejection
 
 JOINT_STATE_SCHEMAS = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
@@ -47,6 +48,13 @@ class ChannelContents:
     last_log_ns: int = 0
     blocks: list[LoggedBlock] = field(default_factory=list)
 
+    def count(self, log_ns: IntArray) -> None:
+        """Take messages into account that were logged at (k,) ns."""
+        first, last = int(log_ns.min()), int(log_ns.max())
+        self.first_log_ns = min(self.first_log_ns, first) if self.messages else first
+        self.last_log_ns = max(self.last_log_ns, last)
+        self.messages += len(log_ns)
+
     @property
     def has_joint_states(self) -> bool:
         """Whether its messages are JointState in CDR."""
@@ -79,7 +87,7 @@ class Contents:
         """Read the whole file at `path`.
 
         Raises:
-            RecordingError: anything `mcap_reading.scan` raises, corrupt, unsupported-encoding or too-large.
+            RecordingError: anything `container.scan` raises, corrupt, unsupported-encoding or too-large.
         """
         try:
             meter = Meter(limits)
@@ -118,33 +126,31 @@ class Contents:
     def _take_block(self, data: bytes, meter: Meter) -> None:
         view = np.frombuffer(data, np.uint8)
         for (channel_id, stride), offsets in self._messages(data, view, meter).items():
-            channel = self.channels[channel_id]
-            at = np.array(offsets)
-            log_ns = sliding_window_view(view, 8)[at + _LOG_TIME_AT].view("<u8")[:, 0]
-            if log_ns.max() > np.iinfo(np.int64).max:
-                raise rejection("corrupt", f"A message on {channel.topic} has a log time beyond the year 2262.")
-            first, last = int(log_ns.min()), int(log_ns.max())
-            channel.first_log_ns = min(channel.first_log_ns, first) if channel.messages else first
-            channel.last_log_ns = max(channel.last_log_ns, last)
-            channel.messages += len(at)
-            if not channel.has_joint_states:
-                continue
-            if channel.messages > meter.limits.joint_states:
-                raise rejection(
-                    "too-large",
-                    f"Topic {channel.topic} has more than {meter.limits.joint_states} messages; "
-                    "cut the recording to one demonstration.",
-                )
-            place, logged = self._place + at, log_ns.astype(np.int64)
-            together = max(1, _DECODED_BYTES // stride)
-            for start in range(0, len(at), together):
-                part = slice(start, start + together)
-                payloads = sliding_window_view(view, stride)[at[part]][:, _PAYLOAD_AT:]
-                for rows, states in decode_joint_states(payloads):
-                    meter.step(_LAYOUT_STEPS + len(states.names))
-                    meter.hold(states.positions.size)
-                    channel.blocks.append(LoggedBlock(place[part][rows], logged[part][rows], states))
+            channel, at = self.channels[channel_id], np.array(offsets)
+            log_ns = _log_times(channel, view, at)
+            channel.count(log_ns)
+            if channel.has_joint_states:
+                self._take_joint_states(channel, view, stride, at, log_ns, meter)
         self._place += len(data)
+
+    def _take_joint_states(
+        self, channel: ChannelContents, view: ByteArray, stride: int, at: IntArray, log_ns: IntArray, meter: Meter
+    ) -> None:
+        if channel.messages > meter.limits.joint_states:
+            raise rejection(
+                "too-large",
+                f"Topic {channel.topic} has more than {meter.limits.joint_states} messages; "
+                "cut the recording to one demonstration.",
+            )
+        together = max(1, _DECODED_BYTES // stride)
+        for start in range(0, len(at), together):
+            part = slice(start, start + together)
+            payloads = sliding_window_view(view, stride)[at[part]][:, _PAYLOAD_AT:]
+            for rows, states in decode_joint_states(payloads):
+                meter.step(_LAYOUT_STEPS + len(states.names))
+                meter.hold(states.positions.size)
+                place = self._place + at[part][rows]
+                channel.blocks.append(LoggedBlock(place, log_ns[part][rows], states))
 
     def _messages(self, data: bytes, view: ByteArray, meter: Meter) -> dict[tuple[int, int], list[int]]:
         """Where the messages start, by channel and record length; schemas and channels are taken on the way."""
@@ -196,6 +202,14 @@ class Contents:
             schema_name = self._schemas.get(channel.schema_id, "")
             self.channels[channel.id] = ChannelContents(channel.topic, schema_name, channel.message_encoding)
         self._declared[key] = body
+
+
+def _log_times(channel: ChannelContents, view: ByteArray, at: IntArray) -> IntArray:
+    """(k,) ns of the messages that start at (k,)."""
+    log_ns = sliding_window_view(view, 8)[at + _LOG_TIME_AT].view("<u8")[:, 0]
+    if log_ns.max() > np.iinfo(np.int64).max:
+        raise rejection("corrupt", f"A message on {channel.topic} has a log time beyond the year 2262.")
+    return log_ns.astype(np.int64)
 
 
 def _run(data: bytes, view: ByteArray, at: int, stride: int) -> int:

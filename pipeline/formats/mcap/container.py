@@ -11,26 +11,24 @@ import os
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
-import lz4.frame
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, DataEnd, Footer
 
 from pipeline.errors import RecordingError
+from pipeline.formats.mcap.chunks import inflate, match_crc
+from pipeline.formats.mcap.limits import FILTER, Limits, Meter
 from pipeline.formats.mcap.rejection_reasons import Reason, rejection
 
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")  # opcode, length of the body
 _CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _LOOSE_BLOCK_BYTES = 1 << 20
-_FILTER = "keep only the joint states with `mcap filter --include-topic-regex`"
 _RECORD_STEPS, _CHUNK_STEPS = 4, 40
 _RECOVER = "set ingest.salvage to use what stands before"
 
@@ -55,76 +53,6 @@ class CutOff(RecordingError):
         self.unchecked = 0
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What reading one file may cost.
-
-    Attributes:
-        record_bytes: longest record, as stored.
-        chunk_bytes: longest chunk, inflated.
-        total_bytes: all chunks and loose records together, inflated.
-        ratio: inflated over stored size of a chunk that inflates to more than `ratio_floor_bytes`.
-        declared_bytes: all schemas, channels and metadata records together.
-        joint_states: messages on one JointState channel.
-        joint_values: positions in all JointState messages together.
-        steps: what is looked at one by one: a record that is unlike the one before it is 1 step, an opened chunk or a new
-            layout of messages about as many as the time it takes.
-    """
-
-    record_bytes: int = 64 << 20
-    chunk_bytes: int = 64 << 20
-    total_bytes: int = 1 << 30
-    ratio: int = 1000
-    ratio_floor_bytes: int = 4 << 20
-    declared_bytes: int = 16 << 20
-    joint_states: int = 2_000_000
-    joint_values: int = 16_000_000
-    steps: int = 1_000_000
-
-
-class Meter:
-    """Counts what reading one file costs, and refuses what goes beyond the limits."""
-
-    def __init__(self, limits: Limits) -> None:
-        self.limits = limits
-        self._inflated = self._declared = self._values = self._steps = 0
-
-    def inflate(self, size: int) -> None:
-        """Pay for `size` bytes of records."""
-        self._inflated += size
-        if self._inflated > self.limits.total_bytes:
-            raise rejection("too-large", f"The file inflates to more than {self.limits.total_bytes} bytes; {_FILTER}.")
-
-    def declare(self, size: int) -> None:
-        """Pay for a schema, channel or metadata record of `size` bytes."""
-        self._declared += size
-        if self._declared > self.limits.declared_bytes:
-            raise rejection(
-                "too-large",
-                f"The file holds more than {self.limits.declared_bytes} bytes of schemas, channels and metadata; {_FILTER}.",
-            )
-
-    def hold(self, values: int) -> None:
-        """Pay for `values` positions that are kept."""
-        self._values += values
-        if self._values > self.limits.joint_values:
-            raise rejection(
-                "too-large",
-                f"The file holds more than {self.limits.joint_values} joint positions; "
-                "cut the recording to one demonstration.",
-            )
-
-    def step(self, count: int = 1) -> None:
-        """Pay for `count` steps."""
-        self._steps += count
-        if self._steps > self.limits.steps:
-            raise rejection(
-                "too-large",
-                f"The file takes more than {self.limits.steps} steps to read, for its many small or differing records; "
-                f"{_FILTER}.",
-            )
-
-
 def scan(path: Path, meter: Meter) -> Iterator[tuple[int, bytes]]:
     """Walk a whole MCAP file, checking magic, framing and every CRC it carries.
 
@@ -142,7 +70,9 @@ def scan(path: Path, meter: Meter) -> Iterator[tuple[int, bytes]]:
         raise rejection("unreadable", f"{path} is not a regular file; give an .mcap file.")
     try:
         with path.open("rb") as file:
-            yield from _scan(file, os.fstat(file.fileno()).st_size, meter)
+            walk = _Walk(file, os.fstat(file.fileno()).st_size, meter)
+            yield from walk.records()
+            walk.end()
     except OSError as error:
         raise rejection("unreadable", f"{path} cannot be read: {error.strerror or error}.") from error
 
@@ -165,54 +95,82 @@ class _Body(ReadDataStream):
         return data
 
 
-def _scan(file: BinaryIO, size: int, meter: Meter) -> Iterator[tuple[int, bytes]]:
-    magic = file.read(len(MAGIC))
-    if magic != MAGIC:
-        raise rejection("not-mcap", "The file does not start with the MCAP magic; only MCAP recordings can be read.")
-    crc = zlib.crc32(magic)
-    in_data, loose, unchecked = True, bytearray(), 0
-    opcode = None
-    while opcode != Opcode.FOOTER:
-        first = opcode is None
-        try:
-            frame, opcode, body = _record(file, size, meter.limits)
-        except CutOff as cut:
-            if loose:
-                meter.inflate(len(loose))
-                yield Opcode.CHUNK, bytes(loose)
-            cut.in_data, cut.unchecked = in_data, unchecked if in_data else 0
-            raise
-        meter.step(_RECORD_STEPS)
-        if first and opcode != Opcode.HEADER:
-            raise rejection("corrupt", f"The file starts with a record of type {opcode} where the header should be.")
-        if loose and (opcode not in _CONTENT or len(loose) >= _LOOSE_BLOCK_BYTES):
-            meter.inflate(len(loose))
-            yield Opcode.CHUNK, bytes(loose)
-            loose.clear()
-        if opcode == Opcode.CHUNK and in_data:
+class _Walk:
+    """One pass over a file, record by record.
+
+    Attributes of a pass: the checksum of the section so far, whether that is the data section, the records of messages
+    outside chunks that have not been handed out yet, and how many bytes of messages no checksum covered.
+    """
+
+    def __init__(self, file: BinaryIO, size: int, meter: Meter) -> None:
+        magic = file.read(len(MAGIC))
+        if magic != MAGIC:
+            raise rejection(
+                "not-mcap", "The file does not start with the MCAP magic; only MCAP recordings can be read."
+            )
+        self._file, self._size, self._meter = file, size, meter
+        self._crc = zlib.crc32(magic)
+        self._in_data, self._loose, self._unchecked = True, bytearray(), 0
+
+    def records(self) -> Iterator[tuple[int, bytes]]:
+        """What `scan` yields, from the header to the footer."""
+        opcode = None
+        while opcode != Opcode.FOOTER:
+            first = opcode is None
+            try:
+                frame, opcode, body = _record(self._file, self._size, self._meter.limits)
+            except CutOff as cut:
+                yield from self._loose_block()
+                cut.in_data, cut.unchecked = self._in_data, self._unchecked if self._in_data else 0
+                raise
+            self._meter.step(_RECORD_STEPS)
+            if first and opcode != Opcode.HEADER:
+                raise rejection(
+                    "corrupt", f"The file starts with a record of type {opcode} where the header should be."
+                )
+            if opcode not in _CONTENT or len(self._loose) >= _LOOSE_BLOCK_BYTES:
+                yield from self._loose_block()
+            yield from self._taken(frame, opcode, body)
+            self._check(frame, opcode, body)
+
+    def end(self) -> None:
+        """Refuse a file that ends otherwise than with its data section closed and the magic."""
+        if self._in_data:
+            raise rejection("corrupt", "The file has a footer but no end of the data section.")
+        if self._file.read(len(MAGIC) + 1) != MAGIC:
+            ending = CutOff(f"The MCAP magic that ends a finished file is missing; {_RECOVER}.", self._size, 0)
+            ending.in_data = False
+            raise ending
+
+    def _taken(self, frame: bytes, opcode: int, body: bytes) -> Iterator[tuple[int, bytes]]:
+        """What a record yields; messages outside chunks are kept until there is a block of them."""
+        if opcode == Opcode.CHUNK and self._in_data:
             chunk = parse(Chunk.read, body)
-            meter.step(_CHUNK_STEPS)
-            meter.inflate(chunk.uncompressed_size)
-            unchecked += 0 if chunk.uncompressed_crc else chunk.uncompressed_size
-            yield Opcode.CHUNK, inflate(chunk, meter.limits)
-        elif opcode in _CONTENT and in_data:
-            loose += frame + body
-            unchecked += len(frame) + len(body)
+            self._meter.step(_CHUNK_STEPS)
+            self._meter.inflate(chunk.uncompressed_size)
+            self._unchecked += 0 if chunk.uncompressed_crc else chunk.uncompressed_size
+            yield Opcode.CHUNK, inflate(chunk, self._meter.limits)
+        elif opcode in _CONTENT and self._in_data:
+            self._loose += frame + body
+            self._unchecked += len(frame) + len(body)
         elif opcode in (Opcode.HEADER, Opcode.METADATA, Opcode.STATISTICS):
             yield opcode, body
-        elif opcode == Opcode.DATA_END:
-            _match_crc("data section", parse(DataEnd.read, body).data_section_crc, crc)
-            in_data, crc = False, 0
-            continue
-        elif opcode == Opcode.FOOTER:
-            _match_crc("summary", parse(Footer.read, body).summary_crc, zlib.crc32(frame + body[:16], crc))
-        crc = zlib.crc32(body, zlib.crc32(frame, crc))
-    if in_data:
-        raise rejection("corrupt", "The file has a footer but no end of the data section.")
-    if file.read(len(MAGIC) + 1) != MAGIC:
-        ending = CutOff(f"The MCAP magic that ends a finished file is missing; {_RECOVER}.", size, 0)
-        ending.in_data = False
-        raise ending
+
+    def _loose_block(self) -> Iterator[tuple[int, bytes]]:
+        if self._loose:
+            self._meter.inflate(len(self._loose))
+            yield Opcode.CHUNK, bytes(self._loose)
+            self._loose.clear()
+
+    def _check(self, frame: bytes, opcode: int, body: bytes) -> None:
+        """Compare the checksum where a section ends, and carry it on where it does not."""
+        if opcode == Opcode.DATA_END:
+            match_crc("data section", parse(DataEnd.read, body).data_section_crc, self._crc)
+            self._in_data, self._crc = False, 0
+            return
+        if opcode == Opcode.FOOTER:
+            match_crc("summary", parse(Footer.read, body).summary_crc, zlib.crc32(frame + body[:16], self._crc))
+        self._crc = zlib.crc32(body, zlib.crc32(frame, self._crc))
 
 
 def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[bytes, int, bytes]:
@@ -241,63 +199,9 @@ def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[bytes, int, byte
     if length > limits.record_bytes:
         raise rejection(
             "too-large",
-            f"The record at byte {offset} has {length} bytes, at most {limits.record_bytes} are read; {_FILTER}.",
+            f"The record at byte {offset} has {length} bytes, at most {limits.record_bytes} are read; {FILTER}.",
         )
     body = file.read(length)
     if len(body) < length:
         raise CutOff(f"The file shrank while it was read, at byte {offset}.", offset, len(frame) + len(body))
     return frame, opcode, body
-
-
-def _match_crc(what: str, stated: int, computed: int) -> None:
-    if stated not in (0, computed):  # 0 stands for "not computed" in MCAP
-        raise rejection("corrupt", f"The checksum of the {what} is {computed:#010x}, the file states {stated:#010x}.")
-
-
-def inflate(chunk: Chunk, limits: Limits) -> bytes:
-    """The records of a chunk, inflated to exactly its stated size, or a RecordingError."""
-    size, stored = chunk.uncompressed_size, len(chunk.data)
-    if size > limits.chunk_bytes or size > max(limits.ratio_floor_bytes, limits.ratio * stored):
-        raise rejection(
-            "too-large",
-            f"A chunk of {stored} bytes states {size} bytes inflated; allowed are {limits.chunk_bytes} bytes "
-            f"and a ratio of {limits.ratio}.",
-        )
-    if chunk.compression == "":
-        data = chunk.data
-    elif chunk.compression == "zstd":
-        data = _inflate_zstd(chunk.data, size)
-    elif chunk.compression == "lz4":
-        data = _inflate_lz4(chunk.data, size)
-    else:
-        raise rejection(
-            "unsupported-compression",
-            f"A chunk is compressed with {chunk.compression[:40]!r}; readable are lz4, zstd and none, "
-            "convert with `mcap compress`.",
-        )
-    if len(data) != size:
-        raise rejection("corrupt", f"A chunk inflates to {len(data)} bytes where it states {size}.")
-    _match_crc("chunk", chunk.uncompressed_crc, zlib.crc32(data))
-    return data
-
-
-def _inflate_zstd(data: bytes, size: int) -> bytes:
-    try:
-        # the library allocates what the frame states, whatever maximum it is given
-        stated = zstandard.frame_content_size(data)
-        if stated not in (-1, size):
-            raise rejection("corrupt", f"A chunk's zstd frame states {stated} bytes where the chunk states {size}.")
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
-    except zstandard.ZstdError as error:
-        raise rejection("corrupt", "A chunk's zstd data is damaged or longer than it states.") from error
-
-
-def _inflate_lz4(data: bytes, size: int) -> bytes:
-    decompressor = lz4.frame.LZ4FrameDecompressor()
-    try:
-        inflated: bytes = decompressor.decompress(data, max_length=size + 1)
-    except (RuntimeError, EOFError, ValueError) as error:
-        raise rejection("corrupt", "A chunk's lz4 data is damaged.") from error
-    if not decompressor.eof:
-        raise rejection("corrupt", "A chunk's lz4 data is cut off or longer than it states.")
-    return inflated

@@ -1,6 +1,6 @@
 """Recorded demonstrations: joint states in MCAP, as a ROS 2 driver's bag holds them.
 
-The contract of the channel is `schemas/joint_state.ros2msg`; the codes of `RecordingError.reason` are in `reasons.py`.
+The contract of the channel is `schemas/joint_state.ros2msg`; the codes of `RecordingError.reason` are in `rejection_reasons.py`.
 """
 
 from __future__ import annotations
@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
 
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, RecordingError
 from pipeline.formats.mcap.channels import ChannelContents, Contents, LoggedBlock
-from pipeline.formats.mcap.container import CutOff, Limits
+from pipeline.formats.mcap.container import CutOff
+from pipeline.formats.mcap.limits import Limits
+from pipeline.formats.mcap.poses import LISTED, Clock, listed, poses
 from pipeline.formats.mcap.rejection_reasons import REASONS, Reason, rejection
 from pipeline.formats.mcap.writer import write_joint_states
 
@@ -31,11 +30,6 @@ __all__ = [
     "read_joint_states",
     "write_joint_states",
 ]
-
-Clock = Literal["header", "log"]
-LONGEST_S = 30 * 86_400  # from the first pose to the last; also what float seconds still resolve to a nanosecond
-FARTHEST = 1e6  # rad or m; a position beyond it is a mistake in the file, and would make MuJoCo overflow
-_LISTED = 32  # names in a message
 
 
 @dataclass(frozen=True)
@@ -216,7 +210,7 @@ def _joint_recording(path: Path, contents: Contents, topic: str | None, joints: 
     if not blocks:
         raise rejection("too-few-messages", f"No message on {topic} has positions; at least 2 poses are needed.")
     names = tuple(joints or min(blocks, key=lambda block: block.log_ns.min()).states.names)
-    time_ns, positions, clock = _poses(topic, blocks, names)
+    time_ns, positions, clock = poses(topic, blocks, names)
     time_ns.flags.writeable = positions.flags.writeable = False
     return JointRecording(path, topic, time_ns, names, positions, contents.metadata, clock, _lost(contents))
 
@@ -237,12 +231,7 @@ def _lost(contents: Contents) -> str | None:
 
 def _listing(contents: Contents) -> str:
     channels = sorted({(c.topic, c.schema or "no schema", c.encoding) for c in contents.channels.values()})
-    return _some([f"{topic} ({schema}, {encoding})" for topic, schema, encoding in channels]) or "no topics"
-
-
-def _some(names: Sequence[str]) -> str:
-    more = len(names) - _LISTED
-    return ", ".join([*names[:_LISTED], *([f"and {more} more"] if more > 0 else [])])
+    return listed([f"{topic} ({schema}, {encoding})" for topic, schema, encoding in channels]) or "no topics"
 
 
 def _choose_topic(by_topic: dict[str, list[LoggedBlock]], joints: Sequence[str] | None) -> str:
@@ -252,66 +241,6 @@ def _choose_topic(by_topic: dict[str, list[LoggedBlock]], joints: Sequence[str] 
         return fitting[0]
     if fitting:
         fit = "hold all joints" if joints else "hold joint states"
-        raise rejection("ambiguous-topic", f"The topics {_some(fitting)} {fit}; name the one to use.")
-    found = "; ".join(f"{topic}: {_some(names[topic]) or 'none'}" for topic in sorted(names)[:_LISTED])
-    raise rejection("joints-missing", f"No topic has all of {_some(joints or ())}; recorded are {found}.")
-
-
-def _poses(topic: str, blocks: Sequence[LoggedBlock], names: tuple[str, ...]) -> tuple[IntArray, FloatArray, Clock]:
-    used = [block for block in blocks if not set(names).isdisjoint(block.states.names)]
-    for block in used:
-        missing = [name for name in names if name not in block.states.names]
-        if missing:
-            raise rejection(
-                "joints-missing",
-                f"A message on {topic} lacks {_some(missing)}; it has {_some(block.states.names)}.",
-            )
-    if sum(len(block.log_ns) for block in used) < 2:
-        raise _too_few(topic, sum(len(block.log_ns) for block in used), names)
-    log_ns = np.concatenate([block.log_ns for block in used])
-    stamp_ns = np.concatenate([block.states.stamp_ns for block in used])
-    positions = np.concatenate([_columns(block, names) for block in used])
-    order = np.argsort(np.concatenate([block.place for block in used]), kind="stable")
-    clock: Clock = "header" if (stamp_ns > 0).all() else "log"
-    time_ns = (stamp_ns if clock == "header" else log_ns)[order]
-    positions = positions[order]
-    if not np.isfinite(positions).all():
-        row, column = np.argwhere(~np.isfinite(positions))[0]
-        raise rejection("not-finite", f"Pose {row + 1} on {topic} has {names[column]} at {positions[row, column]}.")
-    if (np.abs(positions) > FARTHEST).any():
-        row, column = np.argwhere(np.abs(positions) > FARTHEST)[0]
-        raise rejection(
-            "out-of-range",
-            f"Pose {row + 1} on {topic} has {names[column]} at {positions[row, column]:g}; no joint goes beyond {FARTHEST:g}.",
-        )
-    step_ns = np.diff(time_ns)
-    fresh = np.concatenate([[True], (step_ns != 0) | (positions[1:] != positions[:-1]).any(axis=1)])
-    time_ns, positions = time_ns[fresh], positions[fresh]
-    if len(time_ns) < 2:
-        raise _too_few(topic, len(time_ns), names)
-    step_ns = np.diff(time_ns)
-    if (step_ns <= 0).any():
-        row = int((step_ns <= 0).argmax())
-        raise rejection(
-            "time-not-increasing",
-            f"Pose {row + 2} on {topic} comes {step_ns[row] / 1e9:g} s after the pose before it by its {clock} time; "
-            "times must increase.",
-        )
-    span_s = (int(time_ns[-1]) - int(time_ns[0])) / 1e9
-    if span_s > LONGEST_S:
-        raise rejection(
-            "out-of-range",
-            f"The poses on {topic} span {span_s / 86_400:.4g} days by their {clock} time; one demonstration takes at most "
-            f"{LONGEST_S / 86_400:g}.",
-        )
-    return time_ns, positions, clock
-
-
-def _columns(block: LoggedBlock, names: tuple[str, ...]) -> FloatArray:
-    if block.states.names == names:
-        return block.states.positions
-    return block.states.positions[:, [block.states.names.index(name) for name in names]]
-
-
-def _too_few(topic: str, count: int, names: tuple[str, ...]) -> RecordingError:
-    return rejection("too-few-messages", f"Topic {topic} has {count} pose of {_some(names)}; 2 or more are needed.")
+        raise rejection("ambiguous-topic", f"The topics {listed(fitting)} {fit}; name the one to use.")
+    found = "; ".join(f"{topic}: {listed(names[topic]) or 'none'}" for topic in sorted(names)[:LISTED])
+    raise rejection("joints-missing", f"No topic has all of {listed(joints or ())}; recorded are {found}.")
