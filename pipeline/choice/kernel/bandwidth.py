@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from pipeline.arrays import IndexArray
 from pipeline.choice.kernel.pairwise_likelihood import PairScore
-from pipeline.choice.kernel.subsampled_likelihood import LIMIT, Reference, SampledScore, Whole
+from pipeline.choice.kernel.row_sample import Reference, Whole
+from pipeline.choice.kernel.subsampled_likelihood import LIMIT, SampledScore
 from pipeline.choice.kernel.unique_rows import DistinctRows, distinct_rows
 from pipeline.choice.validation import matrix, positive
 from pipeline.errors import ArgumentError, BandwidthError, one_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.kernel.fourier import Grid, Sketch
-from pipeline.choice.kernel.subsampled_likelihood import Drawn, drawn_positions, first_of
+from pipeline.choice.kernel.row_sample import Drawn, drawn_positions, first_of
 from pipeline.choice.kernel.unique_rows import distinct_rows
 from pipeline.choice.scaling import Spread
 from pipeline.choice.streaming import (

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.choice import select_bandwidth
-from pipeline.choice.kernel import subsampled_likelihood
+from pipeline.choice.kernel import row_sample, sampled_sums
 from pipeline.choice.kernel.pairwise import Neighbours
 from pipeline.choice.kernel.unique_rows import distinct_rows
 from pipeline.errors import ArgumentError, BandwidthError
@@ -54,11 +54,11 @@ def test_standard_errors_are_of_the_right_size(monkeypatch: pytest.MonkeyPatch) 
     """Twelve seeds: deviations from the value of all rows, in standard errors, have a mean square near one."""
     rows = clustered(9000, 2, 3)
     sigma, score = from_all(rows, select_bandwidth(rows).value)
-    monkeypatch.setattr(subsampled_likelihood, "_DRAWN", 4000)
-    monkeypatch.setattr(subsampled_likelihood, "_STRATUM", 500)
+    monkeypatch.setattr(row_sample, "_DRAWN", 4000)
+    monkeypatch.setattr(row_sample, "_STRATUM", 500)
     deviations = []
     for seed in range(12):
-        monkeypatch.setattr(subsampled_likelihood, "_SEED", seed)
+        monkeypatch.setattr(row_sample, "_SEED", seed)
         chosen = select_bandwidth(rows)
         deviations.append(
             ((chosen.value - sigma) / chosen.value_error, (chosen.log_likelihood - score) / chosen.log_likelihood_error)
@@ -130,6 +130,6 @@ def test_bandwidths_scored_two_at_a_time_are_those_scored_one_by_one(monkeypatch
         return ThreadPoolExecutor(1)
 
     together = select_bandwidth(rows)
-    monkeypatch.setattr(subsampled_likelihood, "ThreadPoolExecutor", alone)
+    monkeypatch.setattr(sampled_sums, "ThreadPoolExecutor", alone)
     assert select_bandwidth(rows) == together
     assert set(asked) == {2}

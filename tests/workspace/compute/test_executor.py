@@ -11,7 +11,7 @@ import polars as pl
 import pytest
 
 from pipeline.choice import select_bandwidth
-from pipeline.choice.kernel import subsampled_likelihood
+from pipeline.choice.kernel import row_sample
 from pipeline.choice.kernel.bandwidth import sampled_bandwidth
 from pipeline.choice.scaling import Spread
 from pipeline.errors import BandwidthError, StageError
@@ -137,7 +137,7 @@ class Rows:
 def test_the_sampled_score_of_parts_is_that_of_the_set(
     make_project: MakeProject, large: dict[str, Any], monkeypatch: pytest.MonkeyPatch, drawn_rows: int, errors: float
 ) -> None:
-    monkeypatch.setattr(subsampled_likelihood, "_DRAWN", drawn_rows)
+    monkeypatch.setattr(row_sample, "_DRAWN", drawn_rows)
     rng = child_rng(3, "clusters")
     values = rng.random((5, 3))[rng.integers(0, 5, 12_000)] + 0.05 * rng.normal(size=(12_000, 3))
     values[7000:7040] = values[:40]  # in other parts
