@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,45 +41,63 @@ def run(project: Project, name: str) -> None:
     task, settings = project.params.task(name), project.params.ingest
     with recorded_run(project, "ingest", name) as record:
         scene = load_task_scene(project, task)
-        folder = project.path(task.recordings)
-        files = sorted(folder.glob("*.mcap"))
+        files = sorted(project.path(task.recordings).glob("*.mcap"))
         if not files:
             raise StageError(
                 f"{task.recordings}: there is no .mcap file in this folder; tasks.{name}.recordings names it"
             )
-        rows: list[dict[str, Any]] = []
-        rejected: list[dict[str, str]] = []
-        unreadable: set[str] = set()  # nothing can be hashed there, and a pipe would never end
-        for file in tracked(files, f"ingest {name}"):
-            try:
-                rows.append(demonstration(file, scene, settings))
-            except RecordingError as error:
-                if error.reason == "unreadable":
-                    unreadable.add(file.name)
-                rejected.append(
-                    {"source": plain(file.name, LONGEST_NAME + 60), "reason": error.reason, "detail": error.detail}
-                )
-        stated = provenance(
-            project,
-            depends_on(project, name),
-            [*(file for file in files if file.name not in unreadable), *scene_files(scene.path)],
-            model=model_hash(scene),
-        )
-        write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(rejected, REJECTED), stated)
-        if rejected and (settings.on_rejected == "stop" or not rows):
-            raise StageError(_refusal(project, name, rejected, len(files)))
-        table = pl.DataFrame(rows, schema_overrides={"true_theta": pl.String, "lost": pl.String}).with_columns(
-            waypoints=pl.Series(np.stack([row["waypoints"] for row in rows]))
-        )
-        write_table(project.table(name, "demonstrations"), "demonstrations", table, stated)
-        salvaged = sum(row["salvaged"] for row in rows)
-        record.produced = ", ".join(
+        found = _read(tracked(files, f"ingest {name}"), scene, settings)
+        inputs = [*(file for file in files if file.name not in found.unreadable), *scene_files(scene.path)]
+        stated = provenance(project, depends_on(project, name), inputs, model=model_hash(scene))
+        write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(found.rejected, REJECTED), stated)
+        if found.rejected and (settings.on_rejected == "stop" or not found.rows):
+            raise StageError(_refusal(project, name, found.rejected, len(files)))
+        write_table(project.table(name, "demonstrations"), "demonstrations", found.demonstrations(), stated)
+        record.produced = found.summary()
+
+
+@dataclass
+class _Found:
+    """What came of the recordings.
+
+    Attributes:
+        rows: of demonstrations.parquet.
+        rejected: rows of rejected.parquet.
+        unreadable: names of files of which nothing can be hashed, such as a pipe, which would never end.
+    """
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    rejected: list[dict[str, str]] = field(default_factory=list)
+    unreadable: set[str] = field(default_factory=set)
+
+    def demonstrations(self) -> pl.DataFrame:
+        """The table of the demonstrations, of which there is at least one."""
+        table = pl.DataFrame(self.rows, schema_overrides={"true_theta": pl.String, "lost": pl.String})
+        return table.with_columns(waypoints=pl.Series(np.stack([row["waypoints"] for row in self.rows])))
+
+    def summary(self) -> str:
+        """One phrase for the record of the run."""
+        salvaged = sum(row["salvaged"] for row in self.rows)
+        return ", ".join(
             [
-                f"{len(rows)} demonstrations",
+                f"{len(self.rows)} demonstrations",
                 *([f"{salvaged} of them salvaged"] if salvaged else []),
-                *([f"{len(rejected)} rejected"] if rejected else []),
+                *([f"{len(self.rejected)} rejected"] if self.rejected else []),
             ]
         )
+
+
+def _read(files: Iterable[Path], scene: Scene, settings: Ingest) -> _Found:
+    found = _Found()
+    for file in files:
+        try:
+            found.rows.append(demonstration(file, scene, settings))
+        except RecordingError as error:
+            if error.reason == "unreadable":
+                found.unreadable.add(file.name)
+            source = plain(file.name, LONGEST_NAME + 60)
+            found.rejected.append({"source": source, "reason": error.reason, "detail": error.detail})
+    return found
 
 
 def depends_on(project: Project, name: str) -> list[object]:

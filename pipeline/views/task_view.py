@@ -77,53 +77,92 @@ def task_view(project: Project, name: str) -> TaskView:
     """
     check_references({table: project.table(name, table) for table in INPUTS})
     demonstrations = read_table(project.table(name, "demonstrations"), "demonstrations")
-    alternatives, independent = _anchored_alike(
-        read_columns(project.table(name, "alternatives"), "alternatives", ALTERNATIVE)
-    )
-    features = read_table(project.table(name, "features"), "features")
-    all_densities = read_columns(
-        project.table(name, "densities"), "densities", ["alternative_id", "bandwidth", "log_density"]
-    )
-    densities = alternatives.select("alternative_id").join(all_densities, on="alternative_id", maintain_order="left")
-    weighed = all_densities.select("alternative_id", log_weight=-pl.col("log_density"))
-    scales = read_table(project.table(name, "scales"), "scales")
-    posteriors = read_table(project.table(name, "posteriors"), "posteriors").filter(set_id=WORKING)
-    names, units = scales["feature"].to_list(), scales["unit"].to_list()
-    phi = _features_of(alternatives["alternative_id"], features, names)
-    demos = _features_of(demonstrations["demonstration_id"], features, names)
-    sigma = densities["bandwidth"][0] * scales["scale"].to_numpy()
-    log_weights = -densities["log_density"].to_numpy()
-    ids = tuple(demonstrations["demonstration_id"])
-    beliefs = {
-        model: _sequence(posteriors.filter(model=model), ids)
-        for model in posteriors["model"].unique(maintain_order=True)
-    }
+    beliefs = _beliefs(project, name, tuple(demonstrations["demonstration_id"]))
     final = list(beliefs.values())[-1][-1]
     order = _by_weight(final)
-    pair = [order[0], order[min(1, len(order) - 1)]]
+    space = _feature_space(project, name, demonstrations["demonstration_id"])
     return TaskView(
         demonstrations=demonstrations,
-        alternatives=alternatives,
-        phi=phi,
-        demonstration_phi=demos,
-        features=tuple(names),
-        units=tuple(units),
+        alternatives=space.alternatives,
+        phi=space.phi,
+        demonstration_phi=space.demonstration_phi,
+        features=space.names,
+        units=space.units,
         by_weight=tuple(order),
-        log_weights=log_weights,
-        independent=independent.join(weighed, on="alternative_id", maintain_order="left"),
-        bandwidth=float(densities["bandwidth"][0]),
-        curves=tuple(density_curve(names[f], units[f], phi[:, f], demos[:, f], sigma[f], log_weights) for f in order),
-        map=density_map(
-            (names[pair[0]], names[pair[1]]),
-            (units[pair[0]], units[pair[1]]),
-            phi[:, pair],
-            demos[:, pair],
-            sigma[pair],
-        ),
-        labels=theta_labels(final.thetas, names),
+        log_weights=space.log_weights,
+        independent=space.independent,
+        bandwidth=space.bandwidth,
+        curves=tuple(space.curve(f) for f in order),
+        map=space.map(order[0], order[min(1, len(order) - 1)]),
+        labels=theta_labels(final.thetas, space.names),
         meaning=theta_meaning(final.thetas),
         beliefs=beliefs,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _FeatureSpace:
+    """The part of a TaskView that lies in feature space; `scale` is what each feature is divided by."""
+
+    alternatives: pl.DataFrame
+    independent: pl.DataFrame
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    scale: FloatArray
+    phi: FloatArray
+    demonstration_phi: FloatArray
+    log_weights: FloatArray
+    bandwidth: float
+
+    def curve(self, f: int) -> DensityCurve:
+        """The density along one feature."""
+        sigma = self.bandwidth * self.scale[f]
+        demonstrations = self.demonstration_phi[:, f]
+        return density_curve(self.names[f], self.units[f], self.phi[:, f], demonstrations, sigma, self.log_weights)
+
+    def map(self, first: int, second: int) -> DensityMap:
+        """The density over two features."""
+        pair = [first, second]
+        return density_map(
+            (self.names[first], self.names[second]),
+            (self.units[first], self.units[second]),
+            self.phi[:, pair],
+            self.demonstration_phi[:, pair],
+            self.bandwidth * self.scale[pair],
+        )
+
+
+def _feature_space(project: Project, name: str, demonstration_ids: pl.Series) -> _FeatureSpace:
+    alternatives, independent = _anchored_alike(
+        read_columns(project.table(name, "alternatives"), "alternatives", ALTERNATIVE)
+    )
+    densities = read_columns(
+        project.table(name, "densities"), "densities", ["alternative_id", "bandwidth", "log_density"]
+    )
+    weighed = densities.select("alternative_id", "bandwidth", log_weight=-pl.col("log_density"))
+    own = alternatives.select("alternative_id").join(weighed, on="alternative_id", maintain_order="left")
+    features = read_table(project.table(name, "features"), "features")
+    scales = read_table(project.table(name, "scales"), "scales")
+    names = scales["feature"].to_list()
+    return _FeatureSpace(
+        alternatives=alternatives,
+        independent=independent.join(weighed.drop("bandwidth"), on="alternative_id", maintain_order="left"),
+        names=tuple(names),
+        units=tuple(scales["unit"]),
+        scale=scales["scale"].to_numpy(),
+        phi=_features_of(alternatives["alternative_id"], features, names),
+        demonstration_phi=_features_of(demonstration_ids, features, names),
+        log_weights=own["log_weight"].to_numpy(),
+        bandwidth=float(own["bandwidth"][0]),
+    )
+
+
+def _beliefs(project: Project, name: str, demonstration_ids: tuple[str, ...]) -> dict[str, list[Posterior]]:
+    posteriors = read_table(project.table(name, "posteriors"), "posteriors").filter(set_id=WORKING)
+    return {
+        model: _sequence(posteriors.filter(model=model), demonstration_ids)
+        for model in posteriors["model"].unique(maintain_order=True)
+    }
 
 
 def read_columns(path: Path, name: str, columns: Sequence[str]) -> pl.DataFrame:
