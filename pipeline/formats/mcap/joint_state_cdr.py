@@ -155,7 +155,9 @@ def encode_joint_states(
     arrays: Sequence[FloatArray],
     frame_id: str = "",
 ) -> ByteArray:
-    """Encode poses as little-endian CDR.
+    """Encode poses as little-endian CDR, byte for byte as mcap-ros2-support's writer does.
+
+    All messages at once and not one by one: that writer takes several times as long.
 
     Args:
         stamp_ns: (M,) header stamps, not negative.

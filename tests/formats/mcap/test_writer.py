@@ -10,13 +10,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from mcap_ros2.writer import Writer
 
 import pipeline.formats.mcap.writer as writing
+import schemas
 from pipeline.errors import ArgumentError, StageError
 from pipeline.formats.mcap.joint_states import read_joint_states, write_joint_states
 from tests.support.joint_bags import decoded
 
 START = 1_700_000_000_000_000_000
+SCHEMA = Path(schemas.__file__).parent / "joint_state.ros2msg"
 METADATA = {"demonstration": {"participant": "p01", "source": "simulated"}, "notes": {}}
 
 
@@ -51,6 +54,32 @@ def test_the_official_reader_sees_a_ros_2_bag(tmp_path: Path) -> None:
     np.testing.assert_array_equal([state.position for _, state in rows], q)
     # central differences over 20 ms; the sample times are exact in ns and rounded once in s
     np.testing.assert_allclose([rows[7][1].velocity], [(q[8] - q[6]) / 0.02], rtol=1e-9)
+
+
+@pytest.mark.parametrize("frame_id", ["", "base", "µ"])
+def test_messages_are_byte_for_byte_those_of_the_official_writer(tmp_path: Path, frame_id: str) -> None:
+    """Names of all lengths modulo 8, so that every padding occurs."""
+    names = (*("abcdefgh"[:length] for length in range(1, 9)), "ÄÖ")
+    q = write(tmp_path / "ours.mcap", count=5, names=names, frame_id=frame_id)
+    ours, times = messages(tmp_path / "ours.mcap"), [START + 10_000_000 * i for i in range(5)]
+    velocities = np.gradient(q, (np.array(times) - START) / 1e9, axis=0)
+    with (tmp_path / "theirs.mcap").open("wb") as stream:
+        official = Writer(stream)
+        schema = official.register_msgdef("sensor_msgs/msg/JointState", SCHEMA.read_text(encoding="utf-8"))
+        for i, time_ns in enumerate(times):
+            stamp = {"sec": time_ns // 10**9, "nanosec": time_ns % 10**9}
+            message = {
+                "header": {"stamp": stamp, "frame_id": frame_id}, "name": list(names), "position": q[i].tolist(),
+                "velocity": velocities[i].tolist(), "effort": [],
+            }  # fmt: skip
+            official.write_message("/j", schema, message, log_time=time_ns)
+        official.finish()
+    assert ours == messages(tmp_path / "theirs.mcap")
+
+
+def messages(path: Path) -> list[bytes]:
+    with path.open("rb") as stream:
+        return [message.data for _, _, message in make_reader(stream).iter_messages()]
 
 
 joint = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=9)
