@@ -151,7 +151,9 @@ def summing(planned: Planned, costs: Costs) -> list[Step]:
             "reading the sketch", EVERY, f"{PARTS} x {size / 1e6:,.0f} MB at {DISK / 1e9:g} GB/s for all",
             PARTS * size / DISK,
         ),
-        Step("density at all rows", EVERY, f"{back:.3g} us x {EACH:,} + grid {grid_s:.3g} s", back * EACH * 1e-6 + grid_s),
+        Step(
+            "density at all rows", EVERY, f"{back:.3g} us x {EACH:,} + grid {grid_s:.3g} s", back * EACH * 1e-6 + grid_s
+        ),
     ]  # fmt: skip
 
 

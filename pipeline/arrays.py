@@ -1,4 +1,4 @@
-"""The types of arrays that functions take and return, by what their elements are; shapes are said where they are used."""
+"""The types of arrays, by what their elements are; their shapes are said where they are used."""
 
 from __future__ import annotations
 

@@ -51,9 +51,9 @@ def _text(project: Project) -> str:
     for row in found.iter_rows(named=True):
         lines += [f"**{row['hypothesis']}** {row['claim']}: **{row['outcome']}**. {row['numbers']}.", ""]
     lines += [
-        f"Grid of {grid.size} x {grid.size} cells, beta {grid.beta:g}, {grid.demonstrations} paths per set, {grid.seeds} sets "
-        f"per theta; bandwidth {bandwidths[LESS]:.4f} of the features' range, {bandwidths[LESS_HIDDEN_OWN_BANDWIDTH]:.4f} "
-        "selected anew.",
+        f"Grid of {grid.size} x {grid.size} cells, beta {grid.beta:g}, {grid.demonstrations} paths per set, "
+        f"{grid.seeds} sets per theta; bandwidth {bandwidths[LESS]:.4f} of the features' range, "
+        f"{bandwidths[LESS_HIDDEN_OWN_BANDWIDTH]:.4f} selected anew.",
         "",
         "Tables: `datasets/studies/*.parquet`; all numbers beside the paper's: `docs/results.md`.",
     ]

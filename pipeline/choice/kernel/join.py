@@ -33,5 +33,5 @@ def join(rows: FloatArray, log_sums: FloatArray, points: FloatArray, sigma: floa
 
 
 def own_log_weights(log_sums: FloatArray) -> FloatArray:
-    """(n,) log weight of each trajectory in the set it has joined, from its log kernel sum (n,) over the alternatives."""
+    """(n,) log weights of trajectories in the sets they have joined; `log_sums` (n,) are over the alternatives alone."""
     return np.asarray(0.0 - np.logaddexp(0.0, log_sums))

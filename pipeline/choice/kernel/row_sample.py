@@ -1,8 +1,8 @@
 """The rows of a large set of which the likelihood of a bandwidth is computed, and how they stand for all.
 
-Two phases: 50,000 rows of all (or all), the first of a permutation of the rows in lexicographic order from PCG64(0); of
-these the 2000 most isolated, whose scores differ most, the most repeated, and every k-th of the others in order of their
-isolation, each of which stands for k. The same rows are drawn for every order of the set.
+Two phases. First 50,000 rows are drawn of all (or all are taken): the first of a permutation, from PCG64(0), of the rows
+in lexicographic order. Scored are the 2000 most isolated of these, whose scores differ most, the most repeated, and every
+k-th of the others in order of their isolation, which stands for k. So the order of the set changes nothing.
 """
 
 from __future__ import annotations
@@ -167,8 +167,8 @@ class ScoredRows:
         quarter = np.flatnonzero(heavy | (np.arange(len(kept)) % 4 == 0))
         quarter_weights = (kept_often * stands_for * np.where(heavy, 1.0, 4.0))[quarter]
         return cls(
-            total, count, drawn.rows[kept], drawn.own[kept], kept_often, stands_for, first_other, quarter, quarter_weights,
-            float(np.average(nearest, weights=often)),
+            total, count, drawn.rows[kept], drawn.own[kept], kept_often, stands_for, first_other, quarter,
+            quarter_weights, float(np.average(nearest, weights=often)),
         )  # fmt: skip
 
     def average(self, values: FloatArray) -> float:

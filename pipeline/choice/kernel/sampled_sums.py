@@ -1,8 +1,8 @@
-"""Kernel sums of some rows of a large set over all others, at many bandwidths, by whichever way is predicted to be faster.
+"""Kernel sums of some rows of a large set over all others, at many bandwidths, in the way that is predicted to be faster.
 
 Wide bandwidths share one sketch of the set. Narrow ones, and rows too isolated for a sketch, are summed over neighbours.
-Either way the sum of a row is good to 1e-3 of itself, by a bound far above the error (a selected bandwidth moves by less
-than 1e-6 of itself from a bound of 1e-6 to this one).
+Either way the sum of a row is good to 1e-3 of itself, by a bound far above the error: a selected bandwidth moves by less
+than 1e-6 of itself from a bound of 1e-6 to this one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class SampledSums:
             self._narrowest, self._sketch = plan.narrowest, self._set.sketch(plan.grid)
 
     def plan(self, grid: list[float], nodes: FloatArray) -> Plan | None:
-        """The sketch that serves those of the bandwidths for which it is predicted to save time, of the nodes all or none.
+        """The sketch for those bandwidths for which it is predicted to save time; of the nodes it serves all or none.
 
         Args:
             grid: log bandwidths to be scored on a quarter of the rows.

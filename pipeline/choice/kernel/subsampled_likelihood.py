@@ -100,7 +100,7 @@ class SampledScore:
         return score.maximum(lower, upper) or upper
 
     def _best_step(self, grid: list[float]) -> float:
-        """About the log bandwidth of the largest score on a quarter of the rows, from the parabola through three steps."""
+        """About the log bandwidth of the largest score on a quarter of the rows: the peak of the parabola through three."""
         scores = self._quarter_means(grid)
         widest = math.log(2 * math.dist(self._set.lower, self._set.upper))
         while scores[0] == max(scores) and grid[0] < widest:
@@ -112,7 +112,7 @@ class SampledScore:
         return grid[best] - (0.5 * _STEP * (above - below) / bend if bend < 0 else 0.0)
 
     def _refined(self, log_sigma: float) -> Estimate:
-        """The maximum of the cubic through four scores on all scored rows, with four others where it is not among them."""
+        """The maximum of the cubic through four scores on all scored rows; others are tried until it is among them."""
         for _ in range(_MOVES):
             self._sums.prepare([], log_sigma + _NODES - _MARGIN)
             cubics = np.einsum("kn,ns->ks", _CUBIC, self._scores(log_sigma + _NODES))

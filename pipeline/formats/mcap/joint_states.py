@@ -1,6 +1,7 @@
 """Recorded demonstrations: joint states in MCAP, as a ROS 2 driver's bag holds them.
 
-The contract of the channel is `schemas/joint_state.ros2msg`; the codes of `RecordingError.reason` are in `rejection_reasons.py`.
+The contract of the channel is `schemas/joint_state.ros2msg`; the codes of `RecordingError.reason` are in
+`rejection_reasons.py`.
 """
 
 from __future__ import annotations

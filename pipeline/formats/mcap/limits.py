@@ -55,7 +55,8 @@ class Meter:
         if self._declared > self.limits.declared_bytes:
             raise rejection(
                 "too-large",
-                f"The file holds more than {self.limits.declared_bytes} bytes of schemas, channels and metadata; {FILTER}.",
+                f"The file holds more than {self.limits.declared_bytes} bytes of schemas, channels and metadata; "
+                f"{FILTER}.",
             )
 
     def hold(self, values: int) -> None:

@@ -87,7 +87,8 @@ def _check_positions(topic: str, positions: FloatArray, names: tuple[str, ...]) 
         row, column = np.argwhere(np.abs(positions) > FARTHEST)[0]
         raise rejection(
             "out-of-range",
-            f"Pose {row + 1} on {topic} has {names[column]} at {positions[row, column]:g}; no joint goes beyond {FARTHEST:g}.",
+            f"Pose {row + 1} on {topic} has {names[column]} at {positions[row, column]:g}; no joint goes beyond "
+            f"{FARTHEST:g}.",
         )
 
 
