@@ -15,7 +15,8 @@ from typing import Any
 import pytest
 import typer.main
 
-from pipeline.cli import _tasks, app
+from pipeline.cli import app
+from pipeline.cli.shared import tasks
 from pipeline.workspace.project import Project
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals are a matter of Unix")
@@ -109,7 +110,7 @@ def test_tab_completes_commands_and_tasks(small: Project, line: str, offered: se
 
 def test_outside_a_project_completion_offers_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert _tasks() == []
+    assert tasks() == []
 
 
 @pytest.fixture

@@ -1,0 +1,32 @@
+"""Commands that turn other people's files into recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+commands = typer.Typer(no_args_is_help=True, help="Turn published demonstrations into MCAP recordings.")
+
+
+@commands.command("ferl")
+def import_ferl(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A pickle of the FERL or jaco_learning repository.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder that the recordings go into.")],
+    joints: Annotated[
+        str,
+        typer.Option(help="What the columns are called, separated by commas: j2s7s300_joint_1,j2s7s300_joint_2,..."),
+    ],
+    topic: Annotated[str, typer.Option(help="Topic of the recordings.")] = "/joint_states",
+    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Nominal rate where the file has no times.")] = 10.0,
+) -> None:
+    """Turn Python 2 pickles of joint arrays into recordings, one per demonstration. Nothing in FILE is executed.
+
+    Example for the JACO 2: `lessbench import ferl FERL_demos.p mine --topic /j2s7s300_driver/out/joint_state
+    --joints j2s7s300_joint_1,j2s7s300_joint_2,j2s7s300_joint_3,j2s7s300_joint_4,j2s7s300_joint_5,j2s7s300_joint_6,j2s7s300_joint_7`
+    """
+    from pipeline.formats.ferl.importer import import_ferl
+
+    written = import_ferl(file, out, [name.strip() for name in joints.split(",")], topic, rate_hz)
+    print("\n".join(str(path) for path in written))  # noqa: T201

@@ -1,0 +1,123 @@
+"""Commands that look at results."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.shared import LOOK, Bind, IsLive, Port, TaskOrStudies, this_project
+from pipeline.commands.sql import Format
+from pipeline.vocabulary import STUDIES
+
+commands = typer.Typer()
+
+
+@commands.command(rich_help_panel=LOOK)
+def sql(
+    question: Annotated[
+        str | None,
+        typer.Argument(metavar="QUESTION", help="One SQL query (DuckDB's dialect); without it: a prompt."),
+    ] = None,
+    form: Annotated[
+        Format, typer.Option("--format", help="How the answer is given; all but table go to other programs.")
+    ] = (Format.table),
+) -> None:
+    """Ask the catalog a question; it is opened read-only, from any folder of the project.
+
+    Without a question it opens a prompt on a terminal, and elsewhere says what there is to ask about.
+
+    Example: `lessbench sql "from best_hypothesis where participant = 'all' and set_id = 'working'"`
+    """
+    from pipeline.commands.sql import HISTORY, answer_once, prompt
+
+    project = this_project()
+    if question is None and form is Format.table and sys.stdin.isatty() and sys.stdout.isatty():
+        prompt(project.catalog, project.root / HISTORY)
+    else:
+        answer_once(project.catalog, question, form)
+
+
+@commands.command(rich_help_panel=LOOK)
+def view(task: TaskOrStudies) -> None:
+    """Open the recording of a task or of the studies in the Rerun viewer.
+
+    Example: `lessbench view table`, or `lessbench view studies`.
+    """
+    from pipeline.views.rerun.recording import open_viewer
+
+    project = this_project()
+    if task != STUDIES:
+        project.params.task(task)
+    open_viewer(project.datasets / task / "inspect.rrd")
+
+
+@commands.command(rich_help_panel=LOOK)
+def verify(
+    task: Annotated[
+        str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml, or `studies`; without it: all.")
+    ] = None,
+    sample: Annotated[int, typer.Option(min=0, help="How many trajectories and posteriors to compute again.")] = 20,
+) -> None:
+    """Ask whether the tables are what they say: recompute hashes, replay a sample. Exit status 1 if any is not.
+
+    Example: `lessbench verify table --sample 100`
+    """
+    from pipeline.commands.verify import verify
+
+    project = this_project()
+    sound = True
+    for name in [task] if task else [*project.params.tasks, STUDIES]:
+        found = verify(project, name, sample)
+        print("\n".join(found.lines(name)))  # noqa: T201
+        sound &= not found.drift
+    if not sound:
+        raise typer.Exit(1)
+
+
+@commands.command(rich_help_panel=LOOK)
+def watch(
+    folder: Annotated[
+        Path | None, typer.Argument(metavar="[FOLDER]", help="Where recordings appear (default: those of the task).")
+    ] = None,
+    task: Annotated[
+        str | None, typer.Option(help="A task of params.yaml; needed if there are several and FOLDER is of none.")
+    ] = None,
+    until: Annotated[int | None, typer.Option(min=1, help="End once so many demonstrations are in use.")] = None,
+    idle_s: Annotated[
+        float | None, typer.Option("--idle-s", min=0, help="End once nothing has come for so many seconds.")
+    ] = None,
+    live: IsLive = False,
+    port: Port = 9876,
+    bind: Bind = "127.0.0.1",
+) -> None:
+    """Take recordings in as they appear and say after each what is most probable; Ctrl-C ends.
+
+    A recording counts once it is closed; one that cannot be used is named with its reason. What was found is kept in
+    datasets/TASK/watch, and no other file is changed.
+
+    Examples: `lessbench watch datasets/table/recordings --live`, `lessbench watch --task table --until 12`
+    """
+    from pipeline.commands.serve import Live
+    from pipeline.commands.watch import Until, run
+
+    run(this_project(), folder, task, Until(until, idle_s), Live(bind, port) if live else None)
+
+
+@commands.command(rich_help_panel=LOOK)
+def summary() -> None:
+    """Say what each stage took and produced when it last ran.
+
+    Example: `lessbench summary`.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from pipeline.workspace.project import recorded_runs
+
+    table = Table("stage", "task", "took", "produced", title="Last run of each stage", title_justify="left")
+    for run in recorded_runs(this_project()):
+        table.add_row(str(run["stage"]), str(run["task"]), f"{run['seconds']:.1f} s", str(run["produced"]))
+    Console().print(table)

@@ -1,0 +1,74 @@
+"""Commands for a project of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.shared import SETUP, TaskName, this_project
+
+commands = typer.Typer()
+
+
+@commands.command(rich_help_panel=SETUP)
+def check(
+    files: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="MCAP files.")],
+    task: Annotated[str | None, typer.Option(help="Also ask whether the task's joints are in it.")] = None,
+) -> None:
+    """Say what each recording holds, whether it can be used, and if not why. Exit status 1 if any cannot.
+
+    Example: `lessbench check my_recordings/*.mcap --task table`.
+    """
+    from pipeline.commands.check import report
+
+    usable = True
+    for path in files:
+        lines, good = report(path, this_project() if task else None, task)
+        print("\n".join(lines))  # noqa: T201
+        usable &= good
+    if not usable:
+        raise typer.Exit(1)
+
+
+@commands.command("new-task", rich_help_panel=SETUP)
+def new_task(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
+    scene: Annotated[Path, typer.Option(help="MJCF file with a keyframe `start` (and `goal`).")],
+    recordings: Annotated[Path, typer.Option(help="Folder of MCAP recordings.")],
+    end_effector: Annotated[
+        str | None, typer.Option(help="Body or site whose path matters; else the last body.")
+    ] = None,
+) -> None:
+    """Write a task skeleton into params.yaml and say what to do next.
+
+    Example: `lessbench new-task pour --scene my_scene.xml --recordings my_recordings`, then `dvc repro inspect@pour`.
+    """
+    from pipeline.commands.new_task import add_task
+
+    print(add_task(this_project(), name, scene, recordings, end_effector))  # noqa: T201
+
+
+@commands.command(rich_help_panel=SETUP)
+def run(task: TaskName) -> None:
+    """Run every stage of one task, from its recordings to its figures, whether or not it is out of date.
+
+    Meant for parameters in a file of their own, which `dvc repro` does not see.
+
+    Example: `lessbench --overlay mine.yaml run pour`.
+    """
+    from pipeline.commands.run import run_task
+
+    run_task(this_project(), task)
+
+
+@commands.command(rich_help_panel=SETUP)
+def recover() -> None:
+    """After DVC itself was killed: mend its own files, which it writes in place. `make repro` does this first.
+
+    Example: `lessbench recover`, then `dvc repro`.
+    """
+    from pipeline.commands.recover import recover
+
+    print("\n".join(recover(this_project()) or ["nothing to mend"]))  # noqa: T201
