@@ -11,21 +11,21 @@ import schemas
 from pipeline.formats.duckdb.catalog import ask
 from pipeline.formats.duckdb.views import FILES, INPUTS
 from pipeline.formats.parquet.tables import read_table
-from pipeline.params import load
+from pipeline.stages.registry import table_makers
 from pipeline.views.rerun.recording import quiet_environment
+from pipeline.vocabulary import STUDIES
+from pipeline.workspace.project import Project
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLES = sorted(name for name in schemas.names() if not name.startswith(("human_choice", "grid_world")))
-STUDIES = sorted(name for name in schemas.names() if name not in TABLES)  # fmt: skip
 
 
 def main() -> None:
     """Exit with a sentence about the first thing that is wrong."""
-    params = load(ROOT / "params.yaml")
+    project = Project(ROOT)
+    params = project.params
     rerun = Path(sys.executable).with_name("rerun")
     for task in params.tasks:
-        folder = ROOT / "datasets" / task
-        tables = {name: read_table(folder / f"{name}.parquet", name) for name in TABLES}
+        tables = {name: read_table(project.table(task, name), name) for name in table_makers(task)}
         people = params.simulate.participants
         expect(tables["demonstrations"].height == people, f"{task}: {people} demonstrations")
         expect(tables["rejected"].is_empty(), f"{task}: no rejected recording")
@@ -38,26 +38,24 @@ def main() -> None:
         expect((totals["posterior"] - 1).abs().max() < 1e-9, f"{task}: posteriors that sum to one")
         scores = people * sets * len(params.infer.models)
         expect(tables["held_out"].height == scores, f"{task}: one held-out score per demonstration, model and set")
-        recording = folder / "inspect.rrd"
+        recording = project.datasets / task / "inspect.rrd"
         expect(0 < recording.stat().st_size < 20_000_000, f"{task}: a recording under 20 MB")
-    for name in STUDIES:
-        read_table(ROOT / "datasets" / "studies" / f"{name}.parquet", name)
-    for folder in (*params.tasks, "studies"):
-        figures = list((ROOT / "datasets" / folder / "figures").iterdir())
+    for name in table_makers(STUDIES):
+        read_table(project.table(STUDIES, name), name)
+    for folder in (*params.tasks, STUDIES):
+        figures = list(project.figures(folder).iterdir())
         kinds = [figure.suffix for figure in figures]
         expect(kinds.count(".svg") == kinds.count(".png") > 0, f"{folder}: every figure as SVG and PNG")
-        expect(json.loads((ROOT / "datasets" / folder / "metrics.json").read_text()), f"{folder}: headline numbers")
+        expect(json.loads(project.metrics(folder).read_text()), f"{folder}: headline numbers")
         subprocess.run(
-            [rerun, "rrd", "verify", ROOT / "datasets" / folder / "inspect.rrd"], check=True, env=quiet_environment()
+            [rerun, "rrd", "verify", project.datasets / folder / "inspect.rrd"], check=True, env=quiet_environment()
         )
-    report = (ROOT / "datasets" / "report.html").read_text(encoding="utf-8")
+    report = (project.datasets / "report.html").read_text(encoding="utf-8")
     expect(len(report) < 10_000_000 and report.count("<figure") > 30, "a report with all figures under 10 MB")
     expect("are out of date" not in report, "a report of what is there now")
-    known = set(ask(ROOT / "datasets" / "catalog.duckdb", "select table_name from duckdb_tables()")["table_name"])
+    known = set(ask(project.catalog, "select table_name from duckdb_tables()")["table_name"])
     expect(known == {*schemas.names(), FILES, INPUTS}, "a catalog of the tables with a schema and their files")
-    expect(
-        ask(ROOT / "datasets" / "catalog.duckdb", "from outdated").is_empty(), "tables made from those that are there"
-    )
+    expect(ask(project.catalog, "from outdated").is_empty(), "tables made from those that are there")
     print("all outputs are there and sound")
 
 

@@ -69,7 +69,9 @@ def measured(count: int, partition: int | None) -> tuple[dict[str, Cost], dict[s
         for stage in PREPARED:
             run(stage, root)
         costs = {stage: run(stage, root) for stage in STAGES}
-        return costs, {path.stem: path.stat().st_size for path in (root / "datasets" / TASK).glob("*.parquet")}
+        return costs, {
+            path.stem: path.stat().st_size for path in (root / "datasets" / TASK / "tables").glob("*.parquet")
+        }
 
 
 def report(count: int, costs: dict[str, Cost], sizes: dict[str, int]) -> None:

@@ -6,24 +6,21 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from pipeline.formats.duckdb.views import PROVENANCE_TABLES, VIEWS
-from schemas import Column, names, schema
+from pipeline.stages.registry import table_makers
+from pipeline.vocabulary import STUDIES
+from schemas import Column, schema
 
-TABLES = (
-    "demonstrations", "rejected", "alternatives", "sampling", "features", "feature_units", "scales", "densities",
-    "posteriors", "held_out", "shifted_alternatives", "shifted_sampling", "shifted_features", "robustness",
-    "robustness_posteriors", "robustness_sets", "robustness_summary", "robustness_anova", "robustness_post_hoc",
-    "sensitivity", "sensitivity_summary", "duplicates", "duplicates_summary",
-)  # fmt: skip
 PAGE = Path(__file__).with_name("tables.md")
 INTRODUCTION = """\
 # The tables
 
 Made from `schemas/*.toml` by `python docs/make_tables.py`; change it there.
 
-Every table is a Parquet file: `datasets/<task>/<name>.parquet` for a task, `datasets/studies/<name>.parquet` for a study.
-The catalog, `datasets/catalog.duckdb`, has all of them under the same names; there the tables of the tasks are joined, with
-a column `task`. A file that breaks its schema is neither written nor read. Its metadata `lessbench.schema` names the table
-and its version, `lessbench.provenance` the version of the program and of MuJoCo, the seed, and hashes of the scene's compiled model, the parameters and the files it was made from.
+Every table is a Parquet file: `datasets/<task>/tables/<name>.parquet` for a task, `datasets/studies/tables/<name>.parquet`
+for a study. The catalog, `datasets/catalog.duckdb`, has all of them under the same names; there the tables of the
+tasks are joined, with a column `task`. A file that breaks its schema is neither written nor read. Its metadata
+`lessbench.schema` names the table and its version, `lessbench.provenance` the version of the program and of MuJoCo, the
+seed, and hashes of the scene's compiled model, the parameters and the files it was made from.
 
 A type `double[J][T]` is an array of T arrays of J numbers (numpy shape `(T, J)`); in the catalog it is a list. J stands
 for joints, T for waypoints, F for features. A value is never NaN, and missing only where the last column says so.
@@ -37,10 +34,9 @@ def main() -> None:
 
 def page() -> str:
     """The whole page."""
-    studies = [name for name in names() if name not in TABLES]
-    parts = [INTRODUCTION, "## Tables of a task, in the order in which they are made\n", *map(_table, TABLES)]
-    if studies:
-        parts += ["## Tables of the studies\n", *map(_table, studies)]
+    parts = [INTRODUCTION, "## Tables of a task, in the order in which they are made\n"]
+    parts += map(_table, table_makers("a task"))
+    parts += ["## Tables of the studies\n", *map(_table, table_makers(STUDIES))]
     parts += ["## Views of the catalog\n", _views()]
     return "\n".join(parts)
 

@@ -11,6 +11,7 @@ from pipeline import params
 from pipeline.errors import ParameterError
 from pipeline.formats.files.atomic import written_whole
 from pipeline.replay.scene import Scene, load_scene
+from pipeline.stages import dvc_yaml
 from pipeline.vocabulary import DEMONSTRATION_ANCHOR, RESERVED_FOLDERS, TASK_ANCHOR
 from pipeline.workspace.project import Project
 
@@ -47,24 +48,35 @@ def add_task(project: Project, name: str, scene: Path, recordings: Path, end_eff
     params.parse(YAML(typ="safe", pure=True).load(text.getvalue()), str(file))
     with written_whole(file) as stream:
         stream.write(text.getvalue().encode())
-    _feed_catalog(project, yaml, name)
-    return (
+    remedy = _feed_dvc(project)
+    said = (
         f"task {name!r} is in {params.FILE}: arm of {len(loaded.joints)} joints ({', '.join(loaded.joints)}), end "
         f"effector {loaded.end_effector}.\nSay there which features matter, then run: dvc repro inspect@{name}"
     )
+    return said if remedy is None else f"{said}\n{remedy}"
 
 
-def _feed_catalog(project: Project, yaml: YAML, name: str) -> None:
-    """Let the catalog stage wait for the new task's tables; DVC cannot list them by itself."""
-    file = project.root / "dvc.yaml"
+def _feed_dvc(before: Project) -> str | None:
+    """Let the stages of the whole project wait for a new task, and show its figures, as DVC cannot list them by itself.
+
+    Returns:
+        what to do, if dvc.yaml has been changed by hand where this should stand.
+    """
+    file = before.root / dvc_yaml.FILE
     if not file.is_file():
-        return
-    document = yaml.load(file.read_text(encoding="utf-8"))
-    deps = document["stages"]["catalog"]["deps"]
-    pattern = f"datasets/{next(iter(project.params.tasks))}/"
-    deps.extend([dep.replace(pattern, f"datasets/{name}/") for dep in deps if dep.startswith(pattern)])
+        return None
+    text = file.read_text(encoding="utf-8")
+    parts = dvc_yaml.of_all_tasks(before.params), dvc_yaml.of_all_tasks(Project(before.root).params)
+    for old, new in zip(*parts, strict=True):
+        if old not in text:
+            return (
+                f"{dvc_yaml.FILE} is not as `python -m pipeline.stages.dvc_yaml` writes it, so its catalog will not wait for "
+                "this task: write it anew with that command, or add the task to its last stages by hand"
+            )
+        text = text.replace(old, new)
     with written_whole(file) as stream:
-        yaml.dump(document, stream)
+        stream.write(text.encode())
+    return None
 
 
 def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:

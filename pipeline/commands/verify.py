@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,33 +23,13 @@ from pipeline.errors import StageError, TableError, WorkbenchError
 from pipeline.formats.parquet.tables import part_rows, read_part, read_provenance, read_table
 from pipeline.replay.features import bind_features
 from pipeline.replay.scene import model_hash, scene_files
+from pipeline.stages.registry import Stage, parameters, table_makers
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.vocabulary import ALL, STUDIES, TASK_ANCHOR
 from pipeline.workspace.project import Project
 from pipeline.workspace.provenance import content_hash
 from pipeline.workspace.scenes import load_task_scene
 
-MADE_BY = {
-    "ingest": ("demonstrations", "rejected"),
-    "sample": ("alternatives", "sampling"),
-    "featurize": ("features", "feature_units"),
-    "density": ("densities", "scales"),
-    "infer": ("posteriors", "held_out"),
-    "shift": ("shifted_alternatives", "shifted_sampling"),
-    "robustness": (
-        "shifted_features", "robustness", "robustness_posteriors", "robustness_sets", "robustness_summary",
-        "robustness_anova", "robustness_post_hoc", "sensitivity", "sensitivity_summary", "duplicates",
-        "duplicates_summary",
-    ),
-}  # fmt: skip
-MADE_FOR_STUDIES = {
-    "human_choice": tuple(f"human_choice_{name}" for name in ("control", "paper", "predictions", "tests")),
-    "grid_world": (
-        "grid_world", "grid_world_anova", "grid_world_bandwidths", "grid_world_density_1d", "grid_world_density_2d",
-        "grid_world_hypotheses", "grid_world_logistic", "grid_world_paths", "grid_world_post_hoc",
-        "grid_world_posteriors", "grid_world_summary",
-    ),
-}  # fmt: skip
 TOLERANCE = 1e-9  # of a replayed value, relative to the largest of its kind: other processors round otherwise
 DENSITY_TOLERANCE = 1e-6  # of a log density: large sets are summed to a stated error
 REPLAYED = 20_000  # alternatives in a set, at most, for it to be in the sample
@@ -88,12 +67,9 @@ def verify(project: Project, name: str, sample: int) -> Verified:
         StageError: there is no table yet.
     """
     found = Verified()
-    stages = MADE_FOR_STUDIES if name == STUDIES else MADE_BY
     if name != STUDIES:
         project.params.task(name)
-    made = {
-        table: stage for stage, tables in stages.items() for table in tables if project.table(name, table).is_file()
-    }
+    made = {table: stage for table, stage in table_makers(name).items() if project.table(name, table).is_file()}
     if not made:
         raise StageError(f"{project.datasets / name}: there are no tables to verify; make them with `dvc repro`")
     known = _Known(project, name)
@@ -135,7 +111,7 @@ class _Known:
         return self._hashes.get(path)
 
 
-def _check_table(found: Verified, known: _Known, table: str, stage: str, recorded: dict[str, str]) -> None:
+def _check_table(found: Verified, known: _Known, table: str, stage: Stage, recorded: dict[str, str]) -> None:
     project = known.project
     path = project.table(known.name, table)
     shown = project.shown(path)
@@ -146,11 +122,10 @@ def _check_table(found: Verified, known: _Known, table: str, stage: str, recorde
     except TableError as error:
         found.drift.append(str(error))
         return
-    module = import_module(f"pipeline.stages.{stage}")
-    depends_on = module.depends_on(*([project] if "name" not in _arguments(module) else [project, known.name]))
+    parameters_now = params.fingerprint(project.params, parameters(stage.name, known.name))
     for what, then, now in (
         ("other parameters than params.yaml has now (`dvc status` names them)", about.get("parameters"),
-         params.fingerprint(*depends_on)),
+         parameters_now),
         (f"{about.get('program')}; this is lessbench {version('lessbench')}", about.get("program"),
          f"lessbench {version('lessbench')}"),
         (f"the seed {about.get('seed')}; params.yaml has {project.params.seed}", about.get("seed"), project.params.seed),
@@ -172,11 +147,6 @@ def _check_table(found: Verified, known: _Known, table: str, stage: str, recorde
         found.drift += [f"{shown}: was made without the recording {name}" for name in new]
     if shown in recorded and recorded[shown] != _md5(path):
         found.drift.append(f"{shown}: is not the file that `dvc repro` wrote")
-
-
-def _arguments(module: Any) -> tuple[str, ...]:
-    function: Callable[..., list[object]] = module.depends_on
-    return function.__code__.co_varnames[: function.__code__.co_argcount]
 
 
 def _guarded(found: Verified, replay: Callable[[], None]) -> None:

@@ -30,9 +30,10 @@ from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene, scene_files
-from pipeline.stages import infer, ingest
+from pipeline.stages import infer
 from pipeline.stages.ingest import LONGEST_NAME, REJECTED, demonstration
 from pipeline.stages.inspect import PATHS
+from pipeline.stages.registry import parameters
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
 from pipeline.views.rerun.records import AlternativeSet, Replay
@@ -253,7 +254,7 @@ def read_setting(project: Project, name: str) -> Setting:
         waypoints=waypoints,
         drawn=AlternativeSet((WORKING,), tuple(some["sampler"]), paths, log_weights, shown=True),
         feature_set=bind_features(scene, {feature: task.features[feature] for feature in names}),
-        thetas=infer.hypotheses(task, project.params.infer),
+        thetas=infer.hypotheses(task, project.params.infer, names),
         betas=np.array(project.params.infer.betas),
         sources=sources,
     )
@@ -407,7 +408,7 @@ def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, 
     people = table.select("demonstration_id", "participant")
     files = [folder / row["source"] for row in rows if (folder / row["source"]).is_file()]
     used = [*files, *scene_files(setting.scene.path)]
-    stated = provenance(project, ingest.depends_on(project, setting.name), used)
+    stated = provenance(project, parameters("ingest", setting.name), used)
     write_table(partial / "demonstrations.parquet", "demonstrations", table, stated)
     write_table(partial / "rejected.parquet", "rejected", pl.DataFrame(list(rejected.values()), REJECTED), stated)
     posteriors = []
@@ -417,7 +418,7 @@ def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, 
         groups = infer.groups_of(people)
         found = infer.posterior_rows(groups, belief.values(model), setting.thetas, setting.betas)
         posteriors.append(found.with_columns(columns))
-    stated = provenance(project, infer.depends_on(project, setting.name), [*files, *setting.sources])
+    stated = provenance(project, parameters("infer", setting.name), [*files, *setting.sources])
     write_table(partial / "posteriors.parquet", "posteriors", pl.concat(posteriors), stated)
 
 

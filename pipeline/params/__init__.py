@@ -1,6 +1,7 @@
 """params.yaml as frozen, validated objects: every field checked, unknown keys refused, nothing guessed."""
 
-from pipeline.params.reading import fingerprint, load, parse
+from pipeline.params.paths import fingerprint, value_at
+from pipeline.params.reading import load, parse
 from pipeline.params.sections import (
     FILE,
     Duplicates,
@@ -26,4 +27,5 @@ __all__ = [
     "fingerprint",
     "load",
     "parse",
+    "value_at",
 ]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import difflib
-import hashlib
-import json
 import re
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from pipeline.errors import ParameterError, one_of
 from pipeline.params.sections import FILE, Params, ShiftedSampler, Task
@@ -47,12 +45,6 @@ def parse(document: object, source: str = FILE) -> Params:
         return Params.model_validate(document)
     except ValidationError as error:
         raise ParameterError(f"{source}: {_sentence(error)}") from None
-
-
-def fingerprint(*parts: BaseModel | object) -> str:
-    """SHA-256 over the parameters a result depends on, as canonical JSON."""
-    plain = [part.model_dump(mode="json") if isinstance(part, BaseModel) else part for part in parts]
-    return hashlib.sha256(json.dumps(plain, sort_keys=True, default=dict).encode()).hexdigest()
 
 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from pipeline.formats.duckdb.catalog import SourceFile, build_catalog
 from pipeline.formats.parquet.foreign_keys import check_references, check_table
 from pipeline.formats.parquet.tables import read_provenance
+from pipeline.stages.registry import table_makers
 from pipeline.vocabulary import ALL, STUDIES
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import content_hash
@@ -17,8 +18,9 @@ def run(project: Project) -> None:
     """Write datasets/catalog.duckdb from every table that is there."""
     with recorded_run(project, "catalog", ALL) as record:
         tables: dict[str, list[tuple[str | None, Path]]] = {}
+        made = {place: table_makers(place) for place in (*project.params.tasks, STUDIES)}
         for name in names():
-            files = [(task, project.table(task, name)) for task in (*project.params.tasks, STUDIES)]
+            files = [(place, project.table(place, name)) for place in made if name in made[place]]
             present = [(task if task != STUDIES else None, file) for task, file in files if file.is_file()]
             if present:
                 tables[name] = present

@@ -39,6 +39,7 @@ from pipeline.formats.parquet.partitions import (
     read_pieces,
 )
 from pipeline.formats.parquet.tables import GROUPS, read_table, table_writer, write_table
+from pipeline.stages.registry import parameters
 from pipeline.workspace.compute.executor import Workers, workers
 from pipeline.workspace.compute.streamed_alternatives import StreamedSet
 from pipeline.workspace.project import SCRATCH, Project, recorded_run
@@ -82,7 +83,7 @@ def run(project: Project, name: str) -> None:
         scale = _spread(pool, sources[0], names, sets).scale(method, names)
         used = pl.lit(method if isinstance(method, str) else "given")
         scales = units.select("feature", "unit", method=used, scale=pl.Series(scale))
-        stated = provenance(project, depends_on(project), sources)
+        stated = provenance(project, parameters("density", name), sources)
         write_table(project.table(name, "scales"), "scales", scales, stated)
         features, bandwidth = Scaled(sources[0], names, scale), project.params.density.bandwidth
         with (
@@ -100,12 +101,6 @@ def run(project: Project, name: str) -> None:
                         for rows in tables:  # one by one, as the batches depend on the number of cores
                             table.add(rows)
         record.produced = f"{len(sets)} sets, {table.rows:,} log densities"
-
-
-def depends_on(project: Project) -> list[object]:
-    """The parameters that the tables depend on."""
-    compute = project.params.compute
-    return [project.params.features.scale, project.params.density, compute.partition, compute.memory_gb]
 
 
 def _spread(pool: Workers, path: Path, names: tuple[str, ...], sets: Sequence[SetRows]) -> Spread:

@@ -16,6 +16,7 @@ from pipeline.formats.parquet.partitions import Piece, cut, read_pieces
 from pipeline.formats.parquet.tables import part_rows, read_table, table_writer, write_table
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
+from pipeline.stages.registry import parameters
 from pipeline.workspace.compute.executor import workers
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
@@ -52,7 +53,7 @@ def run(project: Project, name: str) -> None:
         check_references({"demonstrations": sources[0], "alternatives": sources[1]})
         demonstrations = read_table(sources[0], "demonstrations")
         stated = provenance(
-            project, depends_on(project, name), [*sources, *scene_files(scene.path)], model=model_hash(scene)
+            project, parameters("featurize", name), [*sources, *scene_files(scene.path)], model=model_hash(scene)
         )
         file, specs = scene_file(scene), json.dumps({key: dict(spec) for key, spec in task.features.items()})
         parts = part_rows(sources[1], "alternatives")
@@ -96,9 +97,3 @@ def _rows(features: FeatureSet, trajectories: pl.DataFrame, kind: str) -> pl.Dat
     values = np.concatenate([features.evaluate(block.astype(np.float64)) for block in blocks])
     columns = [pl.Series(feature, values[:, f]) for f, feature in enumerate(features.names)]
     return trajectories.select(pl.lit(kind).alias("kind"), *sets, id=f"{kind}_id").with_columns(columns)
-
-
-def depends_on(project: Project, name: str) -> list[object]:
-    """The parameters that the tables depend on."""
-    task = project.params.task(name)
-    return [task.features, task.end_effector, project.params.compute.partition]

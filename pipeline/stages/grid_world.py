@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pipeline.formats.parquet.tables import write_table
+from pipeline.stages.registry import parameters
 from pipeline.studies.grid_world.study import run_grid_world
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.project import Project, recorded_run
@@ -20,12 +21,7 @@ def run(project: Project) -> None:
             **{f"grid_world_{name}": table for name, table in vars(study.analysis).items()},
             **{f"grid_world_{name}": table for name, table in vars(study.examples).items()},
         }
-        stated = provenance(project, depends_on(project), [], seeded=True)
+        stated = provenance(project, parameters("grid-world"), [])
         for name, table in tables.items():
             write_table(project.table(STUDIES, name), name, table, stated)
         record.produced = f"{study.trials.height:,} posteriors of the true theta"
-
-
-def depends_on(project: Project) -> list[object]:
-    """The parameters that the tables depend on."""
-    return [project.params.studies.grid_world]

@@ -8,6 +8,7 @@ import polars as pl
 
 from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import write_table
+from pipeline.stages.registry import parameters
 from pipeline.studies.human_choice import analyse_choices, compare_with_paper
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.project import Project, recorded_run
@@ -25,17 +26,12 @@ def run(project: Project) -> None:
     with recorded_run(project, "human-choice", STUDIES) as record:
         source = project.path(settings.choices)
         study = analyse_choices(_choices(source), settings.options, settings.alpha)
-        stated = provenance(project, depends_on(project), [source])
+        stated = provenance(project, parameters("human-choice"), [source])
         tables = {"control": study.control, "predictions": study.predictions, "tests": study.tests}
         paper = compare_with_paper(study) if settings.compare_with_paper else pl.DataFrame(schema=PAPER)
         for name, table in (tables | {"paper": paper}).items():
             write_table(project.table(STUDIES, f"human_choice_{name}"), f"human_choice_{name}", table, stated)
         record.produced = f"{study.tests.height} tests of {int(study.tests['n'][0])} choices"
-
-
-def depends_on(project: Project) -> list[object]:
-    """The parameters that the tables depend on."""
-    return [project.params.studies.human_choice]
 
 
 PAPER = {

@@ -23,6 +23,7 @@ from pipeline.formats.parquet.foreign_keys import check_references, check_table
 from pipeline.formats.parquet.partitions import PARTITIONS, Contents, Piece, Scaled, SetRows, contents, cut, read_pieces
 from pipeline.formats.parquet.tables import GROUPS, part_rows, read_part, read_table, write_table
 from pipeline.params import Infer, Task
+from pipeline.stages.registry import parameters
 from pipeline.vocabulary import ALL, BOLTZMANN, LESS, TASK_ANCHOR
 from pipeline.workspace.compute.executor import Workers, workers
 from pipeline.workspace.project import Project, recorded_run
@@ -100,23 +101,33 @@ def run(project: Project, name: str) -> None:
                 columns = [pl.lit(value).alias(column) for column, value in about.items()]
                 posteriors.append(posterior_rows(groups, values, thetas, betas).with_columns(columns))
                 held_out.append(_held_out(people, values).with_columns(columns))
-        stated = provenance(project, depends_on(project, name), sources)
+        stated = provenance(project, parameters("infer", name), sources)
         write_table(project.table(name, "posteriors"), "posteriors", pl.concat(posteriors), stated)
         write_table(project.table(name, "held_out"), "held_out", pl.concat(held_out), stated)
         count = len(posteriors) * len(groups)
         record.produced = f"{count:,} posteriors over {len(thetas)} thetas x {len(betas)} betas"
 
 
-def depends_on(project: Project, name: str) -> list[object]:
-    """The parameters that the tables depend on."""
-    return [project.params.task(name).thetas, project.params.infer, project.params.compute.partition]
+def hypotheses(task: Task, settings: Infer, features: Sequence[str]) -> np.ndarray:
+    """The weight vectors (K, F) on scaled features: those the task lists, or the grid of cost directions.
 
+    Args:
+        task: whose hypotheses.
+        settings: the values of the grid.
+        features: names of the F features in the order of the tables.
 
-def hypotheses(task: Task, settings: Infer) -> np.ndarray:
-    """The weight vectors (K, F) on scaled features: those the task lists, or the grid of cost directions."""
-    if task.thetas != "grid":
-        return np.array(task.thetas, dtype=np.float64)
-    return theta_grid([settings.theta_values] * len(task.features))
+    Raises:
+        StageError: the task lists weight vectors, and its features are not those of the tables, in their order.
+    """
+    if task.thetas == "grid":
+        return theta_grid([settings.theta_values] * len(features))
+    if tuple(task.features) != tuple(features):
+        raise StageError(
+            f"the tables have the features {', '.join(features)} in this order and params.yaml has "
+            f"{', '.join(task.features)}, which the task's thetas are weights of; make the tables again with "
+            "`dvc repro --force featurize@TASK` and `dvc repro`"
+        )
+    return np.array(task.thetas, dtype=np.float64)
 
 
 def _question(
@@ -129,7 +140,7 @@ def _question(
         absent = rows.filter(pl.any_horizontal(pl.col(features.names).is_null()))["demonstration_id"][0]
         raise StageError(f"{path}: lacks the demonstration {absent!r} that demonstrations.parquet has; run `dvc repro`")
     phi = np.ascontiguousarray(rows.select(features.names).to_numpy() / features.scale)
-    thetas, betas = hypotheses(task, settings), np.array(settings.betas)
+    thetas, betas = hypotheses(task, settings, features.names), np.array(settings.betas)
     return Question(features, settings.models, tuple(people["demonstration_id"]), phi, thetas, betas)
 
 

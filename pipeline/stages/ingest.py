@@ -18,10 +18,11 @@ from pipeline.formats.mcap.writer import METADATA
 from pipeline.formats.parquet.tables import write_table
 from pipeline.params import Ingest
 from pipeline.replay.scene import Scene, model_hash, scene_files
+from pipeline.stages.registry import parameters
 from pipeline.trajectories.timebase import demonstration_waypoints
 from pipeline.vocabulary import RESERVED_IDS
 from pipeline.workspace.progress import tracked
-from pipeline.workspace.project import Project, recorded_run
+from pipeline.workspace.project import Project, recorded_run, table_path
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
 
@@ -48,7 +49,7 @@ def run(project: Project, name: str) -> None:
             )
         found = _read(tracked(files, f"ingest {name}"), scene, settings)
         inputs = [*(file for file in files if file.name not in found.unreadable), *scene_files(scene.path)]
-        stated = provenance(project, depends_on(project, name), inputs, model=model_hash(scene))
+        stated = provenance(project, parameters("ingest", name), inputs, model=model_hash(scene))
         write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(found.rejected, REJECTED), stated)
         if found.rejected and (settings.on_rejected == "stop" or not found.rows):
             raise StageError(_refusal(project, name, found.rejected, len(files)))
@@ -98,11 +99,6 @@ def _read(files: Iterable[Path], scene: Scene, settings: Ingest) -> _Found:
             source = plain(file.name, LONGEST_NAME + 60)
             found.rejected.append({"source": source, "reason": error.reason, "detail": error.detail})
     return found
-
-
-def depends_on(project: Project, name: str) -> list[object]:
-    """The parameters that the tables depend on."""
-    return [project.params.task(name).end_effector, project.params.ingest]
 
 
 def demonstration(file: Path, scene: Scene, settings: Ingest) -> dict[str, Any]:
@@ -178,5 +174,5 @@ def _refusal(project: Project, name: str, rejected: list[dict[str, str]], total:
     return (
         f"{len(rejected)} of {total} recordings in {project.params.task(name).recordings} cannot be used: "
         f"{first['source']} ({first['reason']}): {first['detail'].rstrip('.')}{others}; all are listed in "
-        f"datasets/{name}/rejected.parquet; {remedy}"
+        f"{table_path(name, 'rejected')}; {remedy}"
     )

@@ -55,6 +55,6 @@ def _text(project: Project) -> str:
         f"{grid.seeds} sets per theta; bandwidth {bandwidths[LESS]:.4f} of the features' range, "
         f"{bandwidths[LESS_HIDDEN_OWN_BANDWIDTH]:.4f} selected anew.",
         "",
-        "Tables: `datasets/studies/*.parquet`; all numbers beside the paper's: `docs/results.md`.",
+        "Tables: `datasets/studies/tables`; all numbers beside the paper's: `docs/results.md`.",
     ]
     return "\n".join(lines)

@@ -18,6 +18,7 @@ from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.infer import hypotheses
+from pipeline.stages.registry import parameters
 from pipeline.studies.robustness.divergence import true_direction
 from pipeline.studies.robustness.duplicates import inject_duplicates
 from pipeline.studies.robustness.problem import ChoiceSets, Demonstrations, Problem
@@ -42,26 +43,19 @@ def run(project: Project, name: str) -> None:
         sources = {table: project.table(name, table) for table in INPUTS}
         check_references(sources)
         scene = load_task_scene(project, task)
-        features = bind_features(scene, task.features)
+        order = read_table(sources["scales"], "scales")["feature"].to_list()
+        if set(order) != set(task.features):
+            raise StageError(f"{sources['scales']}: has features other than tasks.{name}.features; run `dvc repro`")
+        features = bind_features(scene, {feature: task.features[feature] for feature in order})
         tables = _tables(project, name, task, features, sources, record)
         stated = provenance(
             project,
-            depends_on(project, name),
+            parameters("robustness", name),
             [*sources.values(), *scene_files(scene.path)],
-            seeded=True,
             model=model_hash(scene),
         )
         for table, rows in tables.items():
             write_table(project.table(name, table), table, rows, stated)
-
-
-def depends_on(project: Project, name: str) -> list[object]:
-    """The parameters that the tables depend on."""
-    task, infer, robustness = project.params.task(name), project.params.infer, project.params.robustness
-    return [
-        task.features, task.end_effector, task.thetas, infer.theta_values, infer.betas, project.params.density,
-        robustness.duplicates, robustness.bandwidth_factors,
-    ]  # fmt: skip
 
 
 def _tables(
@@ -83,7 +77,7 @@ def _tables(
             INDEPENDENT: _choice_sets(alternatives, features.names, scale),
             SAMPLER_SHIFT: _choice_sets(shifted, features.names, scale),
         },
-        hypotheses(task, project.params.infer),
+        hypotheses(task, project.params.infer, features.names),
         np.array(project.params.infer.betas),
     )
     watched = [

@@ -17,6 +17,7 @@ from pipeline.formats.parquet.tables import read_table, table_writer, write_tabl
 from pipeline.params import Sample
 from pipeline.replay.planning import SEARCH, Planning, Room
 from pipeline.replay.scene import Scene, model_hash, scene_files
+from pipeline.stages.registry import parameters
 from pipeline.trajectories.optimise import optimise_paths, random_weights
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.random_streams import child_rng
@@ -71,7 +72,7 @@ def run(project: Project, name: str) -> None:
         inputs = [*scene_files(scene.path), source]
         if settings.given is not None:
             inputs.append(project.path(settings.given))
-        stated = provenance(project, depends_on(project, name), inputs, seeded=True, model=model_hash(scene))
+        stated = provenance(project, parameters("sample", name), inputs, model=model_hash(scene))
         tallies: dict[tuple[str, int, str], list[Tally]] = {}
         with (
             workers(project) as pool,
@@ -136,13 +137,6 @@ def _given(project: Project, name: str, planning: Planning, anchors: Mapping[str
             tally = Tally(GIVEN, count, 0, 0)
             draw = Draw(pool[chosen[first : first + count]], (GIVEN,) * count, (tally,))
             yield (label, size, set_id), alternative_rows(draw, label, size, set_id, first), draw.tallies
-
-
-def depends_on(project: Project, name: str) -> list[object]:
-    """The parameters that the tables depend on."""
-    task = project.params.task(name)
-    settings = [project.params.sample, project.params.ingest.waypoints, project.params.compute.partition]
-    return [task.end_effector, task.surface, task.anchor, task.preferences, *settings]
 
 
 def sampling_anchors(planning: Planning, demonstrations: pl.DataFrame) -> dict[str, Anchor]:

@@ -13,6 +13,7 @@ from pipeline.formats.parquet.tables import read_table, write_table
 from pipeline.params import Sample, ShiftedSampler
 from pipeline.replay.planning import Planning
 from pipeline.replay.scene import model_hash, scene_files
+from pipeline.stages.registry import parameters
 from pipeline.stages.sample import alternative_rows, planned_sampler, sampling_anchors, sampling_rows
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.random_streams import child_rng
@@ -43,22 +44,12 @@ def run(project: Project, name: str) -> None:
                     rows.append(alternative_rows(draw, label, size, set_id).with_columns(log_proposal=log_proposal))
                     shares.append(sampling_rows(draw.tallies, label, size, set_id))
         stated = provenance(
-            project, depends_on(project, name), [*scene_files(scene.path), source], seeded=True, model=model_hash(scene)
+            project, parameters("shift", name), [*scene_files(scene.path), source], model=model_hash(scene)
         )
         table = pl.concat(rows)
         write_table(project.table(name, "shifted_alternatives"), "shifted_alternatives", table, stated)
         write_table(project.table(name, "shifted_sampling"), "shifted_sampling", pl.concat(shares), stated)
         record.produced = f"{len(rows)} sets from {len(specs)} samplers, {table.height:,} trajectories"
-
-
-def depends_on(project: Project, name: str) -> list[object]:
-    """The parameters that the tables depend on."""
-    task, settings = project.params.task(name), project.params.sample
-    return [
-        task.end_effector, task.surface, task.anchor, task.preferences, settings.sizes, settings.planner.width_rad,
-        settings.deformation.modes, {key: spec.model_dump() for key, spec in project.params.robustness.samplers.items()},
-        project.params.ingest.waypoints,
-    ]  # fmt: skip
 
 
 def _samplers(

@@ -22,6 +22,7 @@ from pipeline.workspace.progress import say_done
 RUNS = ".lessbench/runs"
 LOCKS = ".lessbench/locks"
 SCRATCH = ".lessbench/scratch"  # what the parts of one stage share; nothing outlives the stage
+TABLES = "datasets/{task}/tables"
 KEPT_LOCK = ".lessbench/dvc.lock"  # as it was when the last stage began
 
 
@@ -58,7 +59,11 @@ class Project:
 
     def table(self, task: str, name: str) -> Path:
         """The Parquet file of table `name` of a task or of `studies`."""
-        return self.datasets / task / f"{name}.parquet"
+        return self.root / table_path(task, name)
+
+    def scene_record(self, task: str) -> Path:
+        """What the stage `scene` found in the scene of a task."""
+        return self.datasets / task / "scene.json"
 
     def figures(self, task: str) -> Path:
         """The folder of the figures of a task or of `studies`."""
@@ -80,6 +85,11 @@ class Project:
     def shown(self, path: Path) -> str:
         """A file as provenance names it: from the project's folder if it is inside, else by its name."""
         return path.relative_to(self.root).as_posix() if path.is_relative_to(self.root) else path.name
+
+
+def table_path(task: str, name: str) -> str:
+    """Where in a project the table `name` of a task or of `studies` is."""
+    return f"{TABLES.format(task=task)}/{name}.parquet"
 
 
 def find_project(start: Path, overlay: Path | None = None) -> Project:

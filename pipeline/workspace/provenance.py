@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -15,12 +15,7 @@ INHERITED = ("seed", "mujoco", "model")
 
 
 def provenance(
-    project: Project,
-    depends_on: Iterable[object],
-    inputs: Iterable[Path],
-    *,
-    seeded: bool = False,
-    model: str | None = None,
+    project: Project, parameters: Sequence[str], inputs: Iterable[Path], *, model: str | None = None
 ) -> dict[str, object]:
     """What every table says about itself, beside its schema and version.
 
@@ -29,23 +24,22 @@ def provenance(
 
     Args:
         project: whose table it is.
-        depends_on: the parameters that the table depends on, no others, so that equal inputs give equal bytes.
+        parameters: the dotted paths of all parameters that the table depends on, as the registry of stages declares them.
         inputs: the files it was made from.
-        seeded: whether random numbers went into it.
         model: hash of the compiled scene (`pipeline.replay.model_hash`), if the stage used one.
     """
     inputs = list(inputs)
     tables = [path for path in inputs if path.suffix == ".parquet" and path.is_relative_to(project.datasets)]
     stated = [read_provenance(path) for path in tables]
     inherited = {key: next((one[key] for one in stated if one.get(key) is not None), None) for key in INHERITED}
-    own: dict[str, object] = {"seed": project.params.seed} if seeded else {}
+    own: dict[str, object] = {"seed": project.params.seed} if "seed" in parameters else {}
     if model is not None:
         own |= {"mujoco": version("mujoco"), "model": model}
     return {
         "program": f"lessbench {version('lessbench')}",
         **inherited,
         **own,
-        "parameters": params.fingerprint(*depends_on),
+        "parameters": params.fingerprint(project.params, parameters),
         "inputs": {project.shown(path): content_hash(path) for path in inputs},
     }
 

@@ -64,7 +64,7 @@ def when(there: Callable[[], bool]) -> None:
 
 def test_recordings_come_while_it_runs(project: Project, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, folder = project.root / "mine", tmp_path / "coming"
-    before = {path: path.read_bytes() for path in (project.datasets / "sweep").glob("*.parquet")}
+    before = {path: path.read_bytes() for path in (project.datasets / "sweep" / "tables").glob("*.parquet")}
     said: list[str] = []
 
     def heard(text: str) -> bool:

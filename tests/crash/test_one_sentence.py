@@ -102,7 +102,7 @@ def test_a_lost_cache_loses_nothing(undisturbed: Undisturbed, tmp_path: Path) ->
     root, lost = undisturbed.root, (".dvc/cache", ".dvc/tmp", ".dvc/site", ".lessbench")
     for place, name in enumerate(lost):
         (root / name).rename(tmp_path / str(place))
-    (root / "datasets" / "table" / "scales.parquet").unlink()
+    (root / "datasets" / "table" / "tables" / "scales.parquet").unlink()
     said = run(root, "dvc", "repro", "--single-item", "density@table").stdout
     assert "density@table" in said
     assert outputs(root) == undisturbed.outputs

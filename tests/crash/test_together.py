@@ -15,7 +15,7 @@ from tests.support.kills import Undisturbed
 from tests.support.small_project import environment, outputs, run
 
 DVC = Path(sys.executable).parent / "dvc"
-STAGE, OUTPUT = "density table", "datasets/table/scales.parquet"
+STAGE, OUTPUT = "density table", "datasets/table/tables/scales.parquet"
 
 linux = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="finds a stage's process in /proc")
 
@@ -31,7 +31,7 @@ def _start(root: Path) -> subprocess.Popen[str]:
 def test_of_two_runs_at_once_one_waits_or_refuses_and_nothing_is_corrupted(undisturbed: Undisturbed) -> None:
     root = undisturbed.root
     for name in ("scales", "posteriors", "robustness"):
-        (root / "datasets" / "table" / f"{name}.parquet").unlink()
+        (root / "datasets" / "table" / "tables" / f"{name}.parquet").unlink()
     both = [_start(root) for _ in range(2)]
     said = [process.communicate(timeout=400)[0] for process in both]
     assert 0 in [process.returncode for process in both], said

@@ -44,6 +44,6 @@ def test_the_same_files_come_out(undisturbed: Undisturbed, tmp_path: Path) -> No
     compared = [name for name in found if name.startswith("datasets/") or name == "catalog"]
     assert len(compared) > 60
     assert {name: found[name] for name in compared} == {name: undisturbed.outputs[name] for name in compared}
-    mode = (root / "datasets" / "table" / "posteriors.parquet").stat().st_mode
+    mode = (root / "datasets" / "table" / "tables" / "posteriors.parquet").stat().st_mode
     assert mode & 0o077 == 0
     assert sys.platform != "linux" or os.geteuid() != 0 or _without_network(), "no network namespace for root"

@@ -8,7 +8,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from pipeline.errors import ParameterError
-from pipeline.params import fingerprint, load, parse
+from pipeline.params import fingerprint, load, parse, value_at
 
 SHIPPED = Path(__file__).resolve().parents[2] / "params.yaml"
 
@@ -97,8 +97,21 @@ def test_a_fingerprint_sees_a_change_and_only_that(document: dict[str, Any]) -> 
     first = parse(document)
     put(document, "infer.betas", [1, 2])
     second = parse(document)
-    assert fingerprint(first.sample) == fingerprint(second.sample)
-    assert fingerprint(first.infer) != fingerprint(second.infer)
+    assert fingerprint(first, ["sample", "seed"]) == fingerprint(second, ["sample", "seed"])
+    assert fingerprint(first, ["infer"]) != fingerprint(second, ["infer"])
+    assert fingerprint(first, ["infer.betas"]) != fingerprint(second, ["infer.betas"])
+    assert fingerprint(first, ["infer.models"]) == fingerprint(second, ["infer.models"])
+
+
+def test_every_section_has_a_fingerprint_and_parameters_have_the_names_of_the_file(document: dict[str, Any]) -> None:
+    put(document, "studies.human_choice.options", {"a": ["left", "right"]})
+    put(document, "features.scale", {"table": 2.0})
+    parsed = parse(document)
+    assert len(fingerprint(parsed, document)) == 64
+    assert value_at(parsed, "sample.via-point.reach_rad") == document["sample"]["via-point"]["reach_rad"]
+    assert value_at(parsed, "tasks.table.features.laptop.radius_m") == 0.4
+    with pytest.raises(KeyError, match="radius"):
+        value_at(parsed, "tasks.table.radius")
 
 
 def test_an_overlay_says_only_what_is_different(tmp_path: Path) -> None:

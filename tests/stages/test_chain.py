@@ -156,7 +156,7 @@ def test_provenance_names_the_inputs_by_content(make_project: Make, parameters: 
     run_chain(project)
     stated = read_provenance(project.table("sweep", "features"))
     assert set(stated["inputs"]) == {  # type: ignore[call-overload]
-        "datasets/sweep/demonstrations.parquet", "datasets/sweep/alternatives.parquet", "gantry.xml"
+        "datasets/sweep/tables/demonstrations.parquet", "datasets/sweep/tables/alternatives.parquet", "gantry.xml"
     }  # fmt: skip
     scene = load_scene(project.root / "gantry.xml")
     for name in (

@@ -18,6 +18,7 @@ from pipeline.stages import (
     density,
     featurize,
     figures,
+    figures_studies,
     grid_world,
     human_choice,
     infer,
@@ -63,15 +64,12 @@ def test_the_studies_figures_are_whole_and_the_same_again(studied: Project) -> N
     folder = studied.datasets / STUDIES / "figures"
     folder.mkdir()
     (folder / "of_an_older_version.svg").write_text("gone")
-    figures.run_studies(studied)
+    figures_studies.run(studied)
     first = written(folder)
     assert list(first) == [f"{name}.{kind}" for name in STUDY_FIGURES for kind in ("png", "svg")]
-    figures.run_studies(studied)
+    figures_studies.run(studied)
     assert written(folder) == first
-    assert sorted(path.name for path in folder.parent.iterdir() if path.suffix != ".parquet") == [
-        "figures",
-        "metrics.json",
-    ]
+    assert sorted(path.name for path in folder.parent.iterdir()) == ["figures", "metrics.json", "tables"]
     numbers = json.loads((folder.parent / "metrics.json").read_text())
     assert 0 < numbers["human_choice"]["groups"]["less"]["p_value"] < 1
     assert recorded_runs(studied)[-1]["produced"] == "5 figures"
@@ -107,7 +105,7 @@ def test_one_demonstration_has_no_held_out_figure(make_project: Make, parameters
 def test_without_its_tables_nothing_is_drawn(make_project: Make, parameters: dict[str, Any]) -> None:
     project = make_project(parameters)
     with pytest.raises(TableError, match=r"grid_world_summary\.parquet"):
-        figures.run_studies(project)
+        figures_studies.run(project)
     assert not (project.datasets / STUDIES / "figures").exists()
 
 

@@ -1,103 +1,131 @@
-"""The graph in dvc.yaml lists the code of every stage, all of it and nothing else, and its tables' schemas."""
+"""Every stage is declared once, in the registry: dvc.yaml, the modules, the schemas and the commands agree with it."""
 
 from __future__ import annotations
 
-import ast
 from pathlib import Path
 from typing import Any
 
+import grimp
 import pytest
+import typer.main
 from ruamel.yaml import YAML
 
+import schemas
+from pipeline.cli import app
+from pipeline.params import load, value_at
+from pipeline.stages.dvc_yaml import FOREACH, NEUTRAL, WIDTH, code_of, dvc_yaml
+from pipeline.stages.registry import STAGES, UNDECLARED, Scope, Stage, parameters, stage, table_makers
+from pipeline.vocabulary import STUDIES
+from pipeline.workspace.project import table_path
+
 ROOT = Path(__file__).resolve().parents[2]
-# what finds files, reports and words, and so cannot change a result
-NEUTRAL = {
-    "pipeline/errors.py",
-    "pipeline/params/__init__.py",
-    "pipeline/params/reading.py",
-    "pipeline/params/sections.py",
-    "pipeline/workspace/compute/dask_executor.py",
-    "pipeline/workspace/progress.py",
-    "pipeline/workspace/project.py",
-    "pipeline/formats/files/parent_process.py",
-    "pipeline/formats/files/atomic.py",
-    "schemas/__init__.py",
-}
+PARAMS = load(ROOT / "params.yaml")
+TEXT = (ROOT / "dvc.yaml").read_text(encoding="utf-8")
+DOCUMENT: dict[str, Any] = YAML(typ="safe").load(TEXT)
+each_stage = pytest.mark.parametrize("one", STAGES, ids=lambda one: one.name)
 
 
-def stages() -> dict[str, dict[str, Any]]:
-    document = YAML(typ="safe", pure=True).load((ROOT / "dvc.yaml").read_text())
-    return {name: stage.get("do", stage) for name, stage in document["stages"].items()}
+def written(one: Stage) -> dict[str, Any]:
+    """The stage in dvc.yaml."""
+    found: dict[str, Any] = DOCUMENT["stages"][one.name]
+    return found.get("do", found)
 
 
-def module_of(command: str) -> str:
-    """`lessbench infer TASK`, `lessbench study grid-world`: the stage's module."""
-    words = command.split()[1:]
-    name = words[1] if words[0] == "study" else words[0]
-    return f"pipeline/stages/{name.replace('-', '_')}.py"
+def test_dvc_yaml_is_that_of_the_registry_and_can_be_read() -> None:
+    assert dvc_yaml(PARAMS) == TEXT, "run `python -m pipeline.stages.dvc_yaml`"
+    lines = TEXT.splitlines()
+    assert len(lines) < 250
+    assert max(map(len, lines)) <= WIDTH
+    assert list(DOCUMENT["stages"]) == [one.name for one in STAGES]
 
 
-def imports(file: str) -> set[str]:
-    """The project's files that a file imports, anywhere in it; packages stand for their folder."""
-    found = set()
-    for node in ast.walk(ast.parse((ROOT / file).read_text())):
-        names = []
-        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        elif isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        for name in names:
-            path = name.replace(".", "/")
-            if (ROOT / f"{path}.py").is_file():
-                found.add(f"{path}.py")
-            elif name == "schemas" or (name.startswith("pipeline.") and (ROOT / path).is_dir()):
-                found.add(path + "/__init__.py")
-    return found
+def test_every_module_is_of_one_stage_and_every_table_is_made_by_one() -> None:
+    modules = {f"pipeline.stages.{path.stem}" for path in (ROOT / "pipeline" / "stages").glob("*.py")}
+    helpers = {f"pipeline.stages.{name}" for name in ("__init__", "registry", "dvc_yaml")}
+    assert sorted(one.module for one in STAGES) == sorted(modules - helpers)
+    made = [table for one in STAGES for table in one.makes]
+    assert sorted(made) == sorted(schemas.names())
+    assert [*table_makers("a task"), *table_makers(STUDIES)] == made
 
 
-def closure(file: str) -> set[str]:
-    seen, todo = set(), {file}
-    while todo:
-        file = todo.pop()
-        seen.add(file)
-        todo |= imports(file) - seen
-    if "pipeline/choice/__init__.py" in seen:  # it collects the whole folder
-        seen = {"pipeline/choice" if path.startswith("pipeline/choice/") else path for path in seen}
-    return seen - NEUTRAL
+def test_stages_come_in_an_order_in_which_they_can_run() -> None:
+    there: set[str] = set()
+    later = {path for one in STAGES for path in (*one.makes, *one.outputs, *one.metrics)}
+    for one in STAGES:
+        needed = {path for path in (*one.reads, *one.inputs) if path in later}
+        assert needed <= there, one.name
+        there.update(one.makes, one.outputs, one.metrics)
 
 
-@pytest.mark.parametrize("name", stages())
-def test_a_stage_lists_its_code_exactly(name: str) -> None:
-    stage = stages()[name]
-    listed = {dep for dep in stage["deps"] if dep.startswith("pipeline/")}
-    needed = {path for path in closure(module_of(stage["cmd"])) if not path.endswith("/__init__.py")}
-    assert listed == needed
+@each_stage
+def test_a_command_of_the_same_name_runs_it(one: Stage) -> None:
+    command = one.command.split()[0]
+    assert command in typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    cmd = f"lessbench {one.command}" + (" ${key}" if one.per_task else "")
+    assert written(one)["cmd"] == cmd
+    assert DOCUMENT["stages"][one.name].get("foreach") == FOREACH.get(one.scope)
 
 
-@pytest.mark.parametrize("name", stages())
-def test_a_stage_lists_the_schemas_of_what_it_writes(name: str) -> None:
-    stage = stages()[name]
-    outputs = [next(iter(out)) if isinstance(out, dict) else out for out in stage["outs"]]
-    tables = {Path(out).stem for out in outputs if out.endswith(".parquet")}
-    listed = {Path(dep).stem for dep in stage["deps"] if dep.startswith("schemas/")}
-    assert tables <= listed
+@each_stage
+def test_it_lists_parameters_that_there_are(one: Stage) -> None:
+    assert written(one).get("params", []) == list(parameters(one.name, "${key}"))
+    for path in parameters(one.name, "table"):
+        value_at(PARAMS, path)
+    for path in one.named:
+        assert any(path == declared or path.startswith(f"{declared}.") for declared in one.parameters)
 
 
-def test_a_failing_stage_leaves_what_was_there() -> None:
-    for name, stage in stages().items():
-        for out in stage["outs"]:
-            assert isinstance(out, dict), f"{name}: {out} would be removed before the stage runs"
-            assert next(iter(out.values())) == {"persist": True}
+@each_stage
+def test_it_lists_what_it_reads_and_the_schemas_of_what_it_makes(one: Stage) -> None:
+    key = "${key}" if one.per_task else STUDIES
+    deps = written(one)["deps"]
+    for table in one.reads:
+        path = table_path(key, table)
+        assert path in deps or str(Path(path).parent) in deps
+    assert {f"schemas/{table}.toml" for table in one.makes} <= set(deps)
+    places = list(PARAMS.tasks) if one.scope is Scope.PROJECT else [key]
+    assert {path.format(task=place) for path in one.inputs for place in places} <= set(deps)
+    assert len(deps) == len(set(deps))
 
 
-def test_the_catalog_waits_for_every_table_of_every_task() -> None:
-    document = YAML(typ="safe", pure=True).load((ROOT / "dvc.yaml").read_text())
-    tasks = YAML(typ="safe", pure=True).load((ROOT / "params.yaml").read_text())["tasks"]
-    waited_for = set(stages()["catalog"]["deps"])
-    for name, stage in stages().items():
-        if name == "catalog":
-            continue
-        for out in (next(iter(out)) for out in stage["outs"]):
-            if out.endswith(".parquet"):
-                keys = tasks if "foreach" in document["stages"][name] else [""]
-                assert {out.replace("${key}", key) for key in keys} <= waited_for
+@each_stage
+def test_a_failing_stage_leaves_what_was_there(one: Stage) -> None:
+    key = "${key}" if one.per_task else STUDIES
+    listed = [*written(one)["outs"], *written(one).get("metrics", [])]
+    made = [*(table_path(key, table) for table in one.makes), *(path.format(task=key) for path in one.outputs)]
+    made += [path.format(task=key) for path in one.metrics]
+    assert listed == [{path: {"persist": True}} for path in made]
+
+
+GRAPH = grimp.build_graph("pipeline", cache_dir=None)
+
+
+@each_stage
+def test_it_lists_the_code_it_imports(one: Stage) -> None:
+    """The code as another program finds it: all that is imported is listed, and nothing else but gathered folders."""
+    listed = code_of(one.module)
+    assert written(one)["deps"][-len(listed) :] == listed
+    imported = {one.module, *GRAPH.find_upstream_modules(one.module)}
+    packages = {module for module in imported if GRAPH.find_children(module)}
+    files = {f"{module.replace('.', '/')}.py" for module in imported - packages} - NEUTRAL
+    covered = {file for file in files if any(file == path or file.startswith(f"{path}/") for path in listed)}
+    assert covered == files
+    whole = {f"{module.replace('.', '/')}" for module in packages if GRAPH.find_modules_directly_imported_by(module)}
+    for path in listed:
+        if path.endswith(".py"):
+            assert path in files
+        elif path not in whole:
+            inside = {file.relative_to(ROOT).as_posix() for file in (ROOT / path).rglob("*.py")}
+            assert {file for file in inside if not file.endswith("/__init__.py")} <= files
+
+
+def test_what_is_neutral_is_there() -> None:
+    assert [file for file in NEUTRAL if not (ROOT / file).is_file()] == []
+    assert [path for path in UNDECLARED if value_at(PARAMS, path.format(task="table")) is Ellipsis] == []
+
+
+def test_a_given_file_is_watched_once_it_is_named() -> None:
+    sampled = PARAMS.sample.model_copy(update={"given": "mine.parquet"})
+    document = YAML(typ="safe").load(dvc_yaml(PARAMS.model_copy(update={"sample": sampled})))
+    assert "mine.parquet" in document["stages"]["sample"]["do"]["deps"]
+    assert stage("sample").named == ("sample.given",)

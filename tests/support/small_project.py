@@ -11,6 +11,9 @@ from pathlib import Path
 
 from ruamel.yaml import YAML
 
+from pipeline.stages.dvc_yaml import dvc_yaml
+from pipeline.workspace.project import Project
+
 ROOT = Path(__file__).resolve().parents[2]
 TASK, OTHERS = "table", ("laptop", "human")
 COPIED = ("pipeline", "schemas", "datasets/robots", "datasets/scenes", "datasets/studies/human_choice")
@@ -26,9 +29,7 @@ def make_small_project(root: Path) -> None:
     """Write the project into the new folder `root`; `dvc repro` there is one with DVC's own files inside the folder."""
     for name in COPIED:
         shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
-    lines = (ROOT / "dvc.yaml").read_text(encoding="utf-8").splitlines(keepends=True)
-    kept = [line for line in lines if not any(f"datasets/{task}/" in line for task in OTHERS)]
-    (root / "dvc.yaml").write_text("".join(kept), encoding="utf-8")
+    shutil.copy(ROOT / ".dvcignore", root)
     yaml = YAML(typ="safe", pure=True)
     params = yaml.load((ROOT / "params.yaml").read_text(encoding="utf-8"))
     for task in OTHERS:
@@ -45,6 +46,7 @@ def make_small_project(root: Path) -> None:
     params["studies"]["grid_world"] |= {"size": 5, "objects": [[1, 3], [3, 1]], "demonstrations": 2, "seeds": 3}
     with (root / "params.yaml").open("w", encoding="utf-8") as stream:
         yaml.dump(params, stream)
+    (root / "dvc.yaml").write_text(dvc_yaml(Project(root).params), encoding="utf-8")
     (root / ".dvc").mkdir()
     (root / ".dvc" / "config").write_text(
         "[core]\n    no_scm = true\n    analytics = false\n    check_update = false\n"

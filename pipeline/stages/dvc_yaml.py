@@ -1,0 +1,170 @@
+"""dvc.yaml, written from the registry of stages and from what their modules import.
+
+`python -m pipeline.stages.dvc_yaml` writes the file of the project that it is run in. Run it after a change of the
+registry, of a stage's imports, of the tasks in params.yaml or of the file that `sample.given` names.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pipeline.formats.files.atomic import written_whole
+from pipeline.params import Params, value_at
+from pipeline.stages.registry import STAGES, Scope, Stage
+from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
+from pipeline.vocabulary import STUDIES
+from pipeline.workspace.project import TABLES, find_project, table_path
+
+FILE = "dvc.yaml"
+WIDTH = 120
+ROOT = Path(__file__).resolve().parents[2]
+FOREACH = {Scope.TASK: "${tasks}", Scope.SIMULATED: "${simulate.weights}"}
+# modules that find files, check parameters, report and declare: a change of them changes no result
+NEUTRAL = {
+    "pipeline/arrays.py",
+    "pipeline/errors.py",
+    "pipeline/formats/files/atomic.py",
+    "pipeline/formats/files/parent_process.py",
+    "pipeline/params/paths.py",
+    "pipeline/params/reading.py",
+    "pipeline/params/sections.py",
+    "pipeline/stages/registry.py",
+    "pipeline/workspace/compute/dask_executor.py",
+    "pipeline/workspace/progress.py",
+    "pipeline/workspace/project.py",
+}
+MANY = 9  # tables that a stage reads, from which on it depends on their folder
+KEPT = "*kept"  # an output that a failing stage leaves as it was
+HEAD = """\
+# Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
+# A stage re-runs when a file or parameter that it lists has changed. Outputs persist: a stage that fails leaves what
+# was there, one that succeeds replaces it whole.
+stages:
+"""
+
+
+def main() -> None:
+    """Write dvc.yaml of the project around the working directory."""
+    project = find_project(Path.cwd())
+    with written_whole(project.root / FILE) as stream:
+        stream.write(dvc_yaml(project.params).encode())
+
+
+def dvc_yaml(params: Params) -> str:
+    """The text of dvc.yaml for a project with these parameters."""
+    stages = [_stage(stage, params) for stage in STAGES if stage.scope is not Scope.PROJECT]
+    stages[0] = stages[0].replace(KEPT, "&kept {persist: true}", 1)
+    return HEAD + "".join([*stages, *of_all_tasks(params)])
+
+
+def of_all_tasks(params: Params) -> list[str]:
+    """Those parts of the text that name every task: the stages of the whole project, and what `dvc plots show` shows."""
+    figures = dict.fromkeys(params.tasks, TASK_FIGURES) | {STUDIES: STUDY_FIGURES}
+    plots = [f"datasets/{place}/figures/{name}.svg" for place, names in figures.items() for name in names]
+    stages = [_stage(stage, params) for stage in STAGES if stage.scope is Scope.PROJECT]
+    return [*stages, _listed("", "plots", plots)]
+
+
+def code_of(module: str) -> list[str]:
+    """The files of code that can change what a module does, a folder standing for all that is in it.
+
+    They are the module and what it imports, anywhere in it, and so on; without `NEUTRAL`, and without the files
+    `__init__.py`, which compute nothing.
+    """
+    found: set[str] = set()
+    waiting = {f"{module.replace('.', '/')}.py"}
+    while waiting:
+        file = waiting.pop()
+        found.add(file)
+        waiting |= _imported(file) - found
+    gathered = {Path(file).parent for file in found if file.endswith("/__init__.py") and _imported(file)}
+    files = found.union(*(_files_in(folder) for folder in gathered)) - NEUTRAL
+    return sorted(_folders_for_files({file for file in files if not file.endswith("/__init__.py")}))
+
+
+def _stage(stage: Stage, params: Params) -> str:
+    foreach = FOREACH.get(stage.scope)
+    indent, key = ("    ", STUDIES) if foreach is None else ("      ", "${key}")
+    tables = [table_path(key, table) for table in stage.reads] if len(stage.reads) < MANY else [TABLES.format(task=key)]
+    places = params.tasks if stage.scope is Scope.PROJECT else [key]
+    inputs = dict.fromkeys(path.format(task=place) for path in stage.inputs for place in places)
+    schemas = [f"schemas/{table}.toml" for table in stage.makes]
+    made = [*(table_path(key, table) for table in stage.makes), *_for(stage.outputs, key)]
+    return "".join(
+        [
+            f"  {stage.name}:\n" + (f"    foreach: {foreach}\n    do:\n" if foreach else ""),
+            f"{indent}cmd: lessbench {stage.command}{f' {key}' if foreach else ''}\n",
+            _listed(indent, "params", _for(stage.parameters, key)),
+            _listed(indent, "deps", [*_named(stage, params), *inputs, *tables, *schemas, *code_of(stage.module)]),
+            _listed(indent, "outs", made, KEPT),
+            _listed(indent, "metrics", _for(stage.metrics, key), KEPT),
+        ]
+    )
+
+
+def _for(texts: Iterable[str], key: str) -> list[str]:
+    return [text.format(task=key) for text in texts]
+
+
+def _named(stage: Stage, params: Params) -> list[str]:
+    """Files and folders that parameters name; those of a task are followed by DVC itself."""
+    found = []
+    for path in stage.named:
+        if path.startswith("tasks."):
+            found.append(f"${{item.{path.rpartition('.')[2]}}}")
+        elif value_at(params, path) is not None:
+            found.append(str(value_at(params, path)))
+    return found
+
+
+def _listed(indent: str, name: str, items: Sequence[str], setting: str = "") -> str:
+    """A YAML list in lines of `WIDTH`."""
+    lines = [f"{indent}{name}: ["]
+    for item in items:
+        text = f"'{item}'" if "$" in item else item
+        text = f"{text}: {setting}, " if setting else f"{text}, "
+        if len(lines[-1]) + len(text) > WIDTH + 1:  # but for the last space
+            lines.append(f"{indent}  ")
+        lines[-1] += text
+    return "\n".join(line.rstrip() for line in lines).removesuffix(",") + "]\n" if items else ""
+
+
+def _imported(file: str) -> set[str]:
+    """The project's files that a file imports, anywhere in it."""
+    found = set()
+    for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
+        names: list[str] = []
+        if isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        for name in names:
+            path = name.replace(".", "/")
+            found |= {file for file in (f"{path}.py", f"{path}/__init__.py") if _is_code(file)}
+    return found
+
+
+def _is_code(file: str) -> bool:
+    return file.startswith("pipeline/") and (ROOT / file).is_file()
+
+
+def _files_in(folder: Path) -> set[str]:
+    files = (ROOT / folder).rglob("*.py")
+    return {file.relative_to(ROOT).as_posix() for file in files if file.name != "__init__.py"}
+
+
+def _folders_for_files(files: set[str]) -> set[str]:
+    """The files, with the outermost folders in place of those that are in it whole."""
+    found = set(files)
+    folders = {folder for file in files for folder in Path(file).parents if len(folder.parts) > 1}
+    for folder in sorted(folders, key=lambda path: len(path.parts)):
+        inside = _files_in(folder)
+        if len(inside) > 1 and inside <= found:
+            found = (found - inside) | {folder.as_posix()}
+    return found
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,243 @@
+"""Every stage, declared once: the parameters it uses, what it reads and what it makes.
+
+`python -m pipeline.stages.dvc_yaml` writes dvc.yaml from these declarations. Each table records the parameters declared
+for its stage. The commands `run`, `study`, `verify` and `catalog`, completion on the command line, docs/tables.md and
+ARCHITECTURE.md follow them too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from importlib import import_module
+
+from pipeline.vocabulary import STUDIES
+from pipeline.workspace.project import TABLES, Project
+
+
+class Scope(Enum):
+    """What one run of a stage is for."""
+
+    TASK = "each task"
+    SIMULATED = "each task with simulated participants"
+    STUDIES = "the studies"
+    PROJECT = "the whole project"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage of dvc.yaml.
+
+    In parameters and paths `{task}` stands for the name of the task. Paths begin at the project's folder.
+
+    Attributes:
+        name: in dvc.yaml.
+        scope: what one run is for.
+        command: of `lessbench`; the task's name follows where the scope is one task.
+        module: its function `run` runs the stage.
+        parameters: dotted paths in params.yaml.
+        named: those of them that name a file or folder which the stage reads.
+        reads: tables of the same task, or of the studies.
+        inputs: other files and folders that it reads.
+        makes: tables, in the order in which they are documented.
+        outputs: other files and folders that it writes.
+        metrics: files of headline numbers that it writes, for `dvc metrics`.
+    """
+
+    name: str
+    scope: Scope
+    command: str
+    module: str
+    parameters: tuple[str, ...] = ()
+    named: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    makes: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    metrics: tuple[str, ...] = ()
+
+    @property
+    def per_task(self) -> bool:
+        """Whether it is run for one task at a time."""
+        return self.scope in (Scope.TASK, Scope.SIMULATED)
+
+    def run(self, project: Project, task: str | None = None) -> None:
+        """Run it here and now; `task` for a stage that is run per task."""
+        import_module(self.module).run(project, *([task] if self.per_task else []))
+
+
+SCENE = "datasets/{task}/scene.json"
+STAGES = (
+    Stage(
+        "scene", Scope.TASK, "scene", "pipeline.stages.scene",
+        parameters=("tasks.{task}.scene", "tasks.{task}.end_effector"),
+        named=("tasks.{task}.scene",),
+        inputs=("datasets/robots", "datasets/scenes/parts"),
+        outputs=(SCENE,),
+    ),
+    Stage(
+        "simulate", Scope.SIMULATED, "simulate", "pipeline.stages.simulate",
+        parameters=(
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.preferences",
+            "simulate.participants", "simulate.spread_rad", "simulate.skill", "simulate.topic", "simulate.extra_joints",
+            "simulate.weights.{task}", "ingest.waypoints",
+        ),
+        inputs=(SCENE,),
+        outputs=("datasets/{task}/recordings",),
+    ),
+    Stage(
+        "ingest", Scope.TASK, "ingest", "pipeline.stages.ingest",
+        parameters=("tasks.{task}.recordings", "tasks.{task}.end_effector", "ingest"),
+        named=("tasks.{task}.recordings",),
+        inputs=(SCENE,),
+        makes=("demonstrations", "rejected"),
+    ),
+    Stage(
+        "sample", Scope.TASK, "sample", "pipeline.stages.sample",
+        parameters=(
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor", "tasks.{task}.preferences",
+            "ingest.waypoints", "sample", "compute.partition",
+        ),
+        named=("sample.given",),
+        reads=("demonstrations",),
+        inputs=(SCENE,),
+        makes=("alternatives", "sampling"),
+    ),
+    Stage(
+        "featurize", Scope.TASK, "featurize", "pipeline.stages.featurize",
+        parameters=("tasks.{task}.end_effector", "tasks.{task}.features", "compute.partition"),
+        reads=("demonstrations", "alternatives"),
+        inputs=(SCENE,),
+        makes=("features", "feature_units"),
+    ),
+    Stage(
+        "density", Scope.TASK, "density", "pipeline.stages.density",
+        parameters=("features.scale", "density", "compute.partition", "compute.memory_gb"),
+        reads=("features", "feature_units"),
+        makes=("scales", "densities"),
+    ),
+    Stage(
+        "infer", Scope.TASK, "infer", "pipeline.stages.infer",
+        parameters=("tasks.{task}.thetas", "infer", "compute.partition"),
+        reads=("demonstrations", "features", "scales", "densities"),
+        makes=("posteriors", "held_out"),
+    ),
+    Stage(
+        "shift", Scope.TASK, "shift", "pipeline.stages.shift",
+        parameters=(
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor", "tasks.{task}.preferences",
+            "ingest.waypoints", "sample.sizes", "sample.deformation.modes", "sample.planner.width_rad",
+            "robustness.samplers",
+        ),
+        reads=("demonstrations",),
+        inputs=(SCENE,),
+        makes=("shifted_alternatives", "shifted_sampling"),
+    ),
+    Stage(
+        "robustness", Scope.TASK, "study robustness", "pipeline.stages.robustness",
+        parameters=(
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.features", "tasks.{task}.thetas", "density",
+            "infer.theta_values", "infer.betas", "robustness.duplicates", "robustness.bandwidth_factors",
+        ),
+        reads=("demonstrations", "features", "scales", "shifted_alternatives"),
+        inputs=(SCENE,),
+        makes=(
+            "shifted_features", "robustness", "robustness_posteriors", "robustness_sets", "robustness_summary",
+            "robustness_anova", "robustness_post_hoc", "sensitivity", "sensitivity_summary", "duplicates",
+            "duplicates_summary",
+        ),
+    ),
+    Stage(
+        "figures", Scope.TASK, "figures", "pipeline.stages.figures",
+        reads=(
+            "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",
+            "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
+            "sensitivity_summary", "duplicates_summary",
+        ),
+        outputs=("datasets/{task}/figures",),
+        metrics=("datasets/{task}/metrics.json",),
+    ),
+    Stage(
+        "inspect", Scope.TASK, "inspect", "pipeline.stages.inspect",
+        parameters=(
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.recordings", "sample.sampler", "density.bandwidth",
+        ),
+        reads=(
+            "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
+        ),
+        inputs=(SCENE,),
+        outputs=("datasets/{task}/inspect.rrd",),
+    ),
+    Stage(
+        "human-choice", Scope.STUDIES, "study human-choice", "pipeline.stages.human_choice",
+        parameters=("studies.human_choice",),
+        named=("studies.human_choice.choices",),
+        makes=("human_choice_control", "human_choice_paper", "human_choice_predictions", "human_choice_tests"),
+    ),
+    Stage(
+        "grid-world", Scope.STUDIES, "study grid-world", "pipeline.stages.grid_world",
+        parameters=("seed", "studies.grid_world"),
+        makes=(
+            "grid_world", "grid_world_anova", "grid_world_bandwidths", "grid_world_density_1d", "grid_world_density_2d",
+            "grid_world_hypotheses", "grid_world_logistic", "grid_world_paths", "grid_world_post_hoc",
+            "grid_world_posteriors", "grid_world_summary",
+        ),
+    ),
+    Stage(
+        "study-figures", Scope.STUDIES, "figures studies", "pipeline.stages.figures_studies",
+        parameters=("studies.grid_world.objects", "studies.grid_world.size"),
+        reads=(
+            "grid_world_density_1d", "grid_world_density_2d", "grid_world_paths", "grid_world_posteriors",
+            "grid_world_summary", "human_choice_predictions", "human_choice_tests",
+        ),
+        outputs=("datasets/studies/figures",),
+        metrics=("datasets/studies/metrics.json",),
+    ),
+    Stage(
+        "study-inspect", Scope.STUDIES, "inspect studies", "pipeline.stages.inspect_studies",
+        parameters=("studies.grid_world",),
+        reads=(
+            "grid_world_bandwidths", "grid_world_density_1d", "grid_world_density_2d", "grid_world_hypotheses",
+            "grid_world_paths", "grid_world_posteriors", "grid_world_summary", "human_choice_predictions",
+            "human_choice_tests",
+        ),
+        outputs=("datasets/studies/inspect.rrd",),
+    ),
+    Stage(
+        "catalog", Scope.PROJECT, "catalog", "pipeline.stages.catalog",
+        inputs=("schemas", TABLES, TABLES.format(task=STUDIES)),
+        outputs=("datasets/catalog.duckdb",),
+    ),
+    Stage(
+        "report", Scope.PROJECT, "report", "pipeline.stages.report",
+        inputs=(
+            "params.yaml", "datasets/catalog.duckdb", "datasets/{task}/figures", "datasets/{task}/metrics.json",
+            "datasets/studies/figures", "datasets/studies/metrics.json",
+        ),
+        outputs=("datasets/report.html",),
+    ),
+)  # fmt: skip
+# parameters that a stage may read without declaring them, with the reason why that changes no result
+UNDECLARED = {
+    "compute.scheduler": "it says where parts are computed, and they come out the same anywhere, bit for bit",
+    "tasks.{task}.scene": "the stage `scene` alone follows it; the others depend on scene.json, which changes with it",
+}
+
+
+def stage(name: str) -> Stage:
+    """The stage `name`.
+
+    Raises:
+        KeyError: there is none.
+    """
+    return {one.name: one for one in STAGES}[name]
+
+
+def parameters(name: str, task: str = "") -> tuple[str, ...]:
+    """The parameters of the stage `name`, for `task` if it is run per task."""
+    return tuple(path.format(task=task) for path in stage(name).parameters)
+
+
+def table_makers(task: str) -> dict[str, Stage]:
+    """Which stage makes each table of a task, or of `studies`, in the order in which they are made."""
+    return {table: one for one in STAGES if one.per_task != (task == STUDIES) for table in one.makes}
