@@ -65,7 +65,9 @@ def run(task: TaskName) -> None:
 
 @commands.command(rich_help_panel=SETUP)
 def recover() -> None:
-    """After DVC itself was killed: mend its own files, which it writes in place. `make repro` does this first.
+    """After DVC itself was killed: mend its own files, which it writes in place. Also lets DVC work without git.
+
+    `make repro` does this first.
 
     Example: `lessbench recover`, then `dvc repro`.
     """

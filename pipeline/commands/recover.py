@@ -1,6 +1,7 @@
-"""Mend what a killed DVC leaves cut off of its own files, so that the next `dvc repro` can read them.
+"""Mend what keeps the next `dvc repro` from beginning: files of DVC's own that are cut off, and a git that is not there.
 
-DVC writes dvc.lock and .dvc/tmp/rwlock in place. What stages write appears whole and needs no mending.
+DVC writes dvc.lock and .dvc/tmp/rwlock in place, and a kill may leave them cut off. What stages write appears whole and
+needs no mending. Without git, as in a project unpacked from an archive, DVC does nothing unless it is told to.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pipeline.workspace.project import KEPT_LOCK, Project
 
 
 def recover(project: Project) -> list[str]:
-    """Put back the last whole dvc.lock if it is cut off, and drop a list of users that is.
+    """Put back the last whole dvc.lock if it is cut off, drop a list of users that is, and let DVC work without git.
 
     Returns:
         one sentence for everything that was mended.
@@ -44,7 +45,21 @@ def recover(project: Project) -> list[str]:
         if users.is_file() and not _is_json(users):
             users.unlink()
             mended.append(".dvc/tmp/rwlock was cut off and is removed")
-    return mended
+    return [*mended, *_without_git(project.root)]
+
+
+def _without_git(root: Path) -> list[str]:
+    from dvc.config import Config
+
+    config = Config(str(root / ".dvc"))
+    if config["core"].get("no_scm") or any((folder / ".git").exists() for folder in (root, *root.parents)):
+        return []
+    with config.edit("local") as local:
+        local.setdefault("core", {})["no_scm"] = True
+    return [
+        "this folder is in no git repository, and dvc now works without one (core.no_scm in .dvc/config.local); after "
+        "`git init`, take that back with `dvc config --local --unset core.no_scm`"
+    ]
 
 
 def _whole(path: Path) -> bool:

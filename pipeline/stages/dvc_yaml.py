@@ -1,7 +1,7 @@
 """dvc.yaml, written from the registry of stages and from what their modules import.
 
 `python -m pipeline.stages.dvc_yaml` writes the file of the project that it is run in. Run it after a change of the
-registry, of a stage's imports, of the tasks in params.yaml or of the file that `sample.given` names.
+registry, of a stage's imports or of the tasks in params.yaml, and when `sample.given` names a file or no longer does.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ NEUTRAL = {
     "pipeline/workspace/progress.py",
     "pipeline/workspace/project.py",
 }
-MANY = 9  # tables that a stage reads, from which on it depends on their folder
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
 # Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
@@ -87,7 +86,9 @@ def code_of(module: str) -> list[str]:
 def _stage(stage: Stage, params: Params) -> str:
     foreach = FOREACH.get(stage.scope)
     indent, key = ("    ", STUDIES) if foreach is None else ("      ", "${key}")
-    tables = [table_path(key, table) for table in stage.reads] if len(stage.reads) < MANY else [TABLES.format(task=key)]
+    tables = [table_path(key, table) for table in stage.reads]
+    if stage.reads and not stage.makes:  # what draws many tables waits for all, in their folder
+        tables = [TABLES.format(task=key)]
     places = params.tasks if stage.scope is Scope.PROJECT else [key]
     inputs = dict.fromkeys(path.format(task=place) for path in stage.inputs for place in places)
     schemas = [f"schemas/{table}.toml" for table in stage.makes]
@@ -109,14 +110,10 @@ def _for(texts: Iterable[str], key: str) -> list[str]:
 
 
 def _named(stage: Stage, params: Params) -> list[str]:
-    """Files and folders that parameters name; those of a task are followed by DVC itself."""
-    found = []
-    for path in stage.named:
-        if path.startswith("tasks."):
-            found.append(f"${{item.{path.rpartition('.')[2]}}}")
-        elif value_at(params, path) is not None:
-            found.append(str(value_at(params, path)))
-    return found
+    """Files and folders that parameters name, where DVC reads their names; it cannot read that there is none."""
+    own = [f"item.{path.rpartition('.')[2]}" for path in stage.named if path.startswith("tasks.")]
+    others = [path for path in stage.named if not path.startswith("tasks.") and value_at(params, path) is not None]
+    return [f"${{{path}}}" for path in (*own, *others)]
 
 
 def _listed(indent: str, name: str, items: Sequence[str], setting: str = "") -> str:

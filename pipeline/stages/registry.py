@@ -105,7 +105,7 @@ STAGES = (
     ),
     Stage(
         "featurize", Scope.TASK, "featurize", "pipeline.stages.featurize",
-        parameters=("tasks.{task}.end_effector", "tasks.{task}.features", "compute.partition"),
+        parameters=("tasks.{task}.end_effector", "tasks.{task}.features"),
         reads=("demonstrations", "alternatives"),
         inputs=(SCENE,),
         makes=("features", "feature_units"),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import fcntl
+import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,8 @@ import pytest
 from pipeline.commands.recover import recover
 from pipeline.errors import StageError
 from pipeline.workspace.project import Project
+from tests.support.kills import Undisturbed
+from tests.support.small_project import ROOT, environment, run
 
 LOCK = """schema: '2.0'
 stages:
@@ -26,6 +30,7 @@ stages:
 @pytest.fixture
 def project(tmp_path: Path) -> Project:
     (tmp_path / ".dvc" / "tmp").mkdir(parents=True)
+    (tmp_path / ".git").mkdir()
     (tmp_path / ".lessbench").mkdir()
     (tmp_path / "dvc.lock").write_text(LOCK)
     return Project(tmp_path)
@@ -64,6 +69,28 @@ def test_nothing_is_touched_while_dvc_is_at_work(project: Project) -> None:
         with pytest.raises(StageError, match="dvc is at work here"):
             recover(project)
     assert (project.root / "dvc.lock").read_text() == ""
+
+
+@pytest.mark.timeout(900)
+def test_a_project_from_an_archive_says_what_to_type_and_works(undisturbed: Undisturbed, tmp_path: Path) -> None:
+    root = tmp_path / "unpacked"
+    shutil.copytree(undisturbed.root, root)
+    config = root / ".dvc" / "config"
+    config.write_text(config.read_text().replace("    no_scm = true\n", ""))
+    refused = run(root, "dvc", "repro", check=False)
+    assert refused.returncode != 0
+    assert "is not a git repository" in refused.stderr  # DVC's own words, which the README explains
+    assert "`is not a git repository`: `lessbench recover`" in (ROOT / "README.md").read_text()
+    shutil.copy(ROOT / "Makefile", root)
+    made = subprocess.run(
+        ["make", "-o", ".venv/installed", "repro"],
+        cwd=root, env=environment(root), capture_output=True, text=True, timeout=400, check=False,
+    )  # fmt: skip
+    assert made.returncode == 0, made.stdout + made.stderr
+    assert "this folder is in no git repository, and dvc now works without one" in made.stdout
+    assert run(root, "dvc", "status").stdout.strip() == "Data and pipelines are up to date."
+    assert recover(Project(root)) == []
+    assert not config.read_text().count("no_scm")
 
 
 def test_a_folder_without_dvc_is_left_alone(tmp_path: Path) -> None:

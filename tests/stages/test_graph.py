@@ -127,5 +127,5 @@ def test_what_is_neutral_is_there() -> None:
 def test_a_given_file_is_watched_once_it_is_named() -> None:
     sampled = PARAMS.sample.model_copy(update={"given": "mine.parquet"})
     document = YAML(typ="safe").load(dvc_yaml(PARAMS.model_copy(update={"sample": sampled})))
-    assert "mine.parquet" in document["stages"]["sample"]["do"]["deps"]
+    assert "${sample.given}" in document["stages"]["sample"]["do"]["deps"]
     assert stage("sample").named == ("sample.given",)
