@@ -6,8 +6,7 @@ factor, and the dependent variable. Every subject must have been measured in eve
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 from math import sqrt
@@ -20,47 +19,57 @@ from pipeline.errors import ArgumentError
 
 
 def repeated_measures_anova(table: pl.DataFrame, dependent: str, within: Sequence[str], subject: str) -> pl.DataFrame:
-    """Analysis of variance with one or two factors within subjects.
+    """Analysis of variance with all factors within subjects.
 
-    Each effect is tested against its own interaction with the subjects (computed by pingouin); in a 2 x 2 design
-    that is the square of the paired t of the effect's contrast.
+    Each effect has `df` orthonormal contrasts of the cells, and each subject a score on each of them. With n subjects,
+    the mean m (df,) and the covariance S (df, df) of the scores, F = n m.m / tr S on df and df (n - 1) degrees of
+    freedom: each effect is tested against its own interaction with the subjects. In a 2 x 2 design F is the square of
+    the paired t of the effect's contrast. The scores need not vary equally and independently (sphericity); p is
+    corrected for that by multiplying both degrees of freedom by (tr S)^2 / (df tr S^2) (Greenhouse and Geisser, "On
+    Methods in the Analysis of Profile Data", Psychometrika 24, 1959).
 
     Args:
         table: one row per subject and cell.
         dependent: column of numbers.
-        within: names of one or two factor columns.
+        within: names of the factor columns.
         subject: column that names the subject.
 
     Returns:
         One row per effect (`a`, `b`, `a:b`): `effect`, `f`, `df_effect`, `df_error`, `p_value`,
-        `p_greenhouse_geisser` (corrected for lack of sphericity; the same for factors of two levels) and
-        `partial_eta_squared`.
+        `p_greenhouse_geisser` (the same as `p_value` for factors of two levels) and `partial_eta_squared`, the effect's
+        sum of squares as a share of that sum and the sum of squares of its error.
 
     Raises:
-        ArgumentError: the design is incomplete, has other than one or two factors, or an effect has no error variance.
+        ArgumentError: the design is incomplete, or an effect has no error variance.
     """
+    from scipy.special import fdtrc
+
     design = _Design.of(table, dependent, within, subject)
-    if len(design.factors) > 2:
-        raise ArgumentError(f"within has {len(design.factors)} factors; the analysis of variance takes one or two.")
     _error_mean_square(design, dependent)
+    n = len(design.values)
     rows = []
-    for row in _pingouin_anova(design):
-        effect, f, p_value = row["Source"], float(row["F"]), float(row["p_unc"])
-        if not np.isfinite(f):
+    for chosen, contrasts in _effects(design.factors):
+        effect = ":".join(chosen)
+        scores = design.values @ contrasts.T
+        mean = scores.mean(axis=0)
+        covariance = np.atleast_2d(np.cov(scores, rowvar=False))
+        df, variance = len(mean), float(np.trace(covariance))
+        if _is_rounding(variance, design):
             raise ArgumentError(
-                f"{dependent!r} gives F = {f} for {effect!r}: all subjects agree on it, so no error is left to test it "
-                "against; give more subjects."
+                f"{dependent!r} cannot be tested for {effect!r}: all subjects agree on it, so no error is left to test "
+                "it against; give more subjects."
             )
-        corrected = float(row.get("p_GG_corr", p_value))
+        f = n * float(mean @ mean) / variance
+        sphericity = variance**2 / (df * float((covariance**2).sum()))
         rows.append(
             {
                 "effect": effect,
                 "f": f,
-                "df_effect": int(row["ddof1"]),
-                "df_error": int(row["ddof2"]),
-                "p_value": p_value,
-                "p_greenhouse_geisser": corrected if np.isfinite(corrected) else p_value,
-                "partial_eta_squared": float(row["np2"]),
+                "df_effect": df,
+                "df_error": df * (n - 1),
+                "p_value": float(fdtrc(df, df * (n - 1), f)),
+                "p_greenhouse_geisser": float(fdtrc(sphericity * df, sphericity * df * (n - 1), f)),
+                "partial_eta_squared": f / (f + n - 1),
             }
         )
     return pl.DataFrame(rows)
@@ -132,10 +141,13 @@ def tukey_hsd(
 def repeated_logistic(table: pl.DataFrame, dependent: str, within: Sequence[str], subject: str) -> pl.DataFrame:
     """Factorial logistic regression of a yes-or-no measure, with repeated measures.
 
-    Generalised estimating equations (statsmodels): logit P(yes) on all factors and their interactions, one cluster
-    per subject, robust (sandwich) standard errors. Factors have two levels, coded -1/2 and +1/2 in sorted order, so a
-    main effect is the log odds ratio averaged over the other factor. The design is complete and the model saturated,
-    therefore estimates and errors are the same under every working correlation; independence is used.
+    logit P(yes) on all factors and their interactions, with standard errors that allow for the repeated measures of a
+    subject: generalised estimating equations with one cluster per subject and robust (sandwich) errors (Liang and Zeger,
+    "Longitudinal Data Analysis Using Generalized Linear Models", Biometrika 73, 1986). The design is complete and the
+    model has a parameter for every cell, therefore the equations have one solution under every working correlation:
+    contrasts of the cells' log odds, with the errors that follow from the covariance of the cells across subjects.
+    Factors have two levels, coded -1/2 and +1/2 in sorted order, so a main effect is the log odds ratio averaged over
+    the other factor.
 
     Args:
         table, dependent, within, subject: as for `repeated_measures_anova`; `dependent` holds 0/1 or booleans.
@@ -154,15 +166,14 @@ def repeated_logistic(table: pl.DataFrame, dependent: str, within: Sequence[str]
             raise ArgumentError(f"{name!r} has the {len(levels)} levels {levels}; the logistic regression takes two.")
     if not np.isin(design.values, (0.0, 1.0)).all():
         raise ArgumentError(f"{dependent!r} holds values other than 0 and 1; the logistic regression takes only these.")
-    terms = _terms(list(design.factors))
     shares = design.values.mean(axis=0)
     numbers = ("log_odds_ratio", "standard_error", "z", "p_value", "odds_ratio", "ci_low", "ci_high")
     if (shares == 0).any() or (shares == 1).any():
-        estimates = np.full((len(terms), len(numbers)), None)
+        columns = [[None] * (2 ** len(design.factors) - 1)] * len(numbers)
     else:
-        estimates = _gee(design.values, len(design.factors))
-    columns = {name: pl.Series(name, list(estimates[:, i]), dtype=pl.Float64) for i, name in enumerate(numbers)}
-    return pl.DataFrame({"term": terms} | columns)
+        columns = [column.tolist() for column in _log_odds_ratios(design)]
+    estimates = [pl.Series(name, column, dtype=pl.Float64) for name, column in zip(numbers, columns, strict=True)]
+    return pl.DataFrame([pl.Series("term", [":".join(chosen) for chosen, _ in _effects(design.factors)]), *estimates])
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +221,7 @@ def _error_mean_square(design: _Design, dependent: str) -> float:
     y = design.values
     residuals = y - y.mean(axis=0) - y.mean(axis=1, keepdims=True) + y.mean()
     mean_square: float = float((residuals**2).sum()) / ((y.shape[0] - 1) * (y.shape[1] - 1))
-    if mean_square <= (1e-12 * float(np.abs(y).max())) ** 2:
+    if _is_rounding(mean_square, design):
         raise ArgumentError(
             f"{dependent!r} differs between cells equally in all subjects, so there is no error to test against; give "
             "more subjects."
@@ -218,48 +229,42 @@ def _error_mean_square(design: _Design, dependent: str) -> float:
     return mean_square
 
 
-def _pingouin_anova(design: _Design) -> list[dict[str, float | str]]:
-    import pandas as pd
-    import pingouin
-
-    subjects, k = design.values.shape
-    frame = pd.DataFrame({"value": design.values.ravel(), "subject": np.repeat(np.arange(subjects), k)})
-    aliases = [f"factor{i}" for i in range(len(design.factors))]  # no name of the caller's can clash with ours
-    for i, alias in enumerate(aliases):
-        frame[alias] = [cell[i] for cell in design.cells] * subjects
-    with warnings.catch_warnings(), np.errstate(divide="ignore", invalid="ignore"):  # a missing error shows as F = inf
-        warnings.simplefilter("ignore", DeprecationWarning)  # pingouin 0.7 calls pandas 3 the way of pandas 2
-        effects = pingouin.rm_anova(
-            frame, dv="value", within=aliases, subject="subject", correction=True, effsize="np2"
-        )
-    rows: list[dict[str, float | str]] = effects.to_dict("records")
-    for row, effect in zip(rows, _terms(list(design.factors)), strict=True):
-        row["Source"] = effect
-    return rows
+def _is_rounding(variance: float, design: _Design) -> bool:
+    """Whether a variance of the measurements is no more than what rounding leaves of none."""
+    return variance <= (1e-12 * float(np.abs(design.values).max())) ** 2
 
 
-def _terms(factors: list[str]) -> list[str]:
-    return [":".join(chosen) for size in range(1, len(factors) + 1) for chosen in combinations(factors, size)]
+def _effects(factors: dict[str, list[str]]) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
+    """The factors of each effect and its orthonormal contrasts (df, cells): main effects first, then interactions.
+
+    They are Kronecker products: contrasts of the levels for a factor of the effect, the mean over them for any other.
+    """
+    from scipy.linalg import helmert
+
+    for chosen in (chosen for size in range(1, len(factors) + 1) for chosen in combinations(factors, size)):
+        contrasts = np.ones((1, 1))
+        for name, levels in factors.items():
+            k = len(levels)
+            mean = np.full((1, k), 1 / sqrt(k))
+            contrasts = np.kron(contrasts, -helmert(k) if name in chosen else mean)  # later level minus earlier ones
+        yield chosen, contrasts
 
 
-def _gee(values: FloatArray, n_factors: int) -> FloatArray:
-    """Log odds ratio, standard error, z, p, odds ratio and its interval for each term but the intercept."""
-    import statsmodels.api as sm
+def _log_odds_ratios(design: _Design) -> tuple[FloatArray, ...]:
+    """Log odds ratio, its standard error, z and p, the odds ratio and both ends of its interval: each (effects,)."""
+    from scipy.special import logit, ndtr, ndtri
 
-    subjects, k = values.shape
-    main = np.array(list(product((-0.5, 0.5), repeat=n_factors)))  # (k, n_factors), in the order of the cells
-    contrasts = [
-        main[:, list(chosen)].prod(axis=1)
-        for size in range(n_factors + 1)
-        for chosen in combinations(range(n_factors), size)
-    ]
-    fit = sm.GEE(
-        values.ravel(),
-        np.tile(np.column_stack(contrasts), (subjects, 1)),
-        groups=np.repeat(np.arange(subjects), k),
-        family=sm.families.Binomial(),
-        cov_struct=sm.cov_struct.Independence(),
-    ).fit()
-    interval = np.exp(fit.conf_int())
-    columns = (fit.params, fit.bse, fit.tvalues, fit.pvalues, np.exp(fit.params), interval[:, 0], interval[:, 1])
-    return np.column_stack(columns)[1:]
+    n, k = design.values.shape
+    # the coefficient of m factors coded -1/2, 1/2 is the sum of the cells' log odds times -2^m/k or 2^m/k; the
+    # orthonormal contrast has -1/sqrt(k) or 1/sqrt(k) in its place
+    contrasts = np.concatenate([contrast * 2 ** len(chosen) / sqrt(k) for chosen, contrast in _effects(design.factors)])
+    shares = design.values.mean(axis=0)
+    estimates = contrasts @ logit(shares)
+    influence = (
+        (design.values - shares) / (shares * (1 - shares)) @ contrasts.T
+    )  # of each subject on n times an estimate
+    errors = np.sqrt((influence**2).sum(axis=0)) / n
+    z = estimates / errors
+    half_width = float(ndtri(0.975)) * errors
+    low, high = np.exp(estimates - half_width), np.exp(estimates + half_width)
+    return estimates, errors, z, 2 * ndtr(-np.abs(z)), np.exp(estimates), low, high

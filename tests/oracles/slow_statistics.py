@@ -47,6 +47,35 @@ def two_way_f(y: list[list[list[float]]]) -> tuple[float, float, float]:
     return ss_a / error_a * (n - 1), ss_b / error_b * (n - 1), ss_ab / error_ab * (n - 1)
 
 
+def two_way_sphericity(y: list[list[list[float]]]) -> tuple[float, float, float]:
+    """Box's epsilon of A, of B and of A x B for y[subject][a][b], from the covariances of centred cells.
+
+    (sum of variances)^2 / (df * sum of squared covariances) over what each subject's measures are but for what belongs
+    to other effects: centred marginal means for a main effect, doubly centred cells for the interaction.
+    """
+    n, na, nb = len(y), len(y[0]), len(y[0][0])
+    of_a, of_b, of_ab = [], [], []
+    for cells in y:
+        mean = fmean(cells[a][b] for a in range(na) for b in range(nb))
+        row = [fmean(cells[a]) - mean for a in range(na)]
+        column = [fmean(cells[a][b] for a in range(na)) - mean for b in range(nb)]
+        of_a.append(row)
+        of_b.append(column)
+        of_ab.append([cells[a][b] - row[a] - column[b] - mean for a in range(na) for b in range(nb)])
+    results = []
+    for scores, df in ((of_a, na - 1), (of_b, nb - 1), (of_ab, (na - 1) * (nb - 1))):
+        cells_of = range(len(scores[0]))
+        centre = [fmean(score[i] for score in scores) for i in cells_of]
+        covariance = [
+            [sum((score[i] - centre[i]) * (score[j] - centre[j]) for score in scores) / (n - 1) for j in cells_of]
+            for i in cells_of
+        ]
+        variances = sum(covariance[i][i] for i in cells_of)
+        squares = sum(covariance[i][j] ** 2 for i in cells_of for j in cells_of)
+        results.append(variances**2 / (df * squares))
+    return results[0], results[1], results[2]
+
+
 def logit_factorial(y: list[list[int]]) -> list[tuple[float, float]]:
     """(estimate, standard error) of A, B and A x B on the logit scale for y[subject] = cells (a-b-, a-b+, a+b-, a+b+).
 
