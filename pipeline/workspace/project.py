@@ -14,7 +14,8 @@ from pathlib import Path
 
 from pipeline import params
 from pipeline.errors import ParameterError
-from pipeline.formats.files.atomic import held, written_whole
+from pipeline.formats.files.atomic import written_whole
+from pipeline.formats.files.lock import held
 from pipeline.formats.files.parent_process import end_with_parent
 from pipeline.params import Params, Task
 from pipeline.workspace.progress import say_done
@@ -128,7 +129,7 @@ def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
     """
     run = Run(stage, task)
     end_with_parent()
-    with held(project.root / LOCKS / f"{stage}@{task}", f"{stage} {task}"):
+    with held(project.root / LOCKS / f"{stage}@{task}", f"{stage} {task}", project.root):
         _keep_dvc_lock(project)
         begin = time.perf_counter()
         yield run

@@ -7,25 +7,24 @@ there before stays.
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import shutil
-import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
 from pipeline.errors import StageError
 from pipeline.formats.files.parent_process import require_parent
 
-_PATIENCE_S, _LOOK_S = 5.0, 0.1
 _REMEDIES = {
     errno.ENOSPC: "free some space and run it again",
     errno.EDQUOT: "free some of your quota and run it again",
     errno.EFBIG: "raise the limit on the size of a file (`ulimit -f`) and run it again",
     errno.EACCES: "get the permission to write there and run it again",
     errno.EPERM: "get the permission to write there and run it again",
+    errno.ELOOP: "remove the link and run it again",
+    errno.EMLINK: "remove it, for it is also a file of another name, and run it again",
     errno.EROFS: "make it writable, or copy the project to where you can write, and run it again",
 }
 
@@ -91,43 +90,6 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
                 former.replace(path)
             for left in (partial, former):
                 shutil.rmtree(left, ignore_errors=True)
-
-
-@contextmanager
-def held(path: Path, what: str) -> Iterator[None]:
-    """Hold the lock `path`, which the system lets go when this process ends, however it ends.
-
-    Args:
-        path: a file that holds the process id of its last holder.
-        what: what is being run, for the message.
-
-    Raises:
-        StageError: another process has held it for longer than a stage takes to notice that its run has ended.
-    """
-    with ExitStack() as stack:
-        with _one_sentence(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            lock = stack.enter_context(path.open("a+b", buffering=0))
-            _lock(lock, what)
-        yield
-
-
-def _lock(lock: IO[bytes], what: str) -> None:
-    for _ in range(int(_PATIENCE_S / _LOOK_S)):
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            time.sleep(_LOOK_S)
-        else:
-            lock.truncate(0)
-            lock.write(str(os.getpid()).encode())
-            return
-    lock.seek(0)
-    holder = lock.read().decode() or "unknown"
-    raise StageError(
-        f"{what}: is being run by the process {holder} already; wait until that has ended, or end it with "
-        f"`kill {holder}`, and run it again"
-    )
 
 
 def require_space(path: Path, size: int) -> None:

@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from pathlib import Path
+from contextlib import suppress
 
 from pipeline.errors import StageError
 
@@ -15,17 +15,21 @@ _SHELLS = {"sh", "bash", "dash", "zsh", "fish", "ksh"}
 _LOOK_S = 0.5
 
 
-def _lineage() -> tuple[int, ...]:
-    """The parent's process id, and its parent's if it is the shell that DVC starts a command with."""
-    parent = os.getppid()
-    try:
-        name, _, rest = Path(f"/proc/{parent}/stat").read_text().partition("(")[2].rpartition(")")
-    except OSError:  # it has just ended, or there is no /proc here
-        return (parent,)
-    return (parent, int(rest.split()[1])) if name in _SHELLS else (parent,)
+def _lineage() -> tuple[object, ...]:
+    """The parent process, and its own parent if it is the shell that DVC starts a command with.
+
+    A process is equal to another if it has the same number and began at the same time.
+    """
+    import psutil
+
+    parent = psutil.Process().parent()
+    with suppress(psutil.Error):  # the parent has just ended, or its name is a secret
+        if parent is not None and parent.name() in _SHELLS:
+            return parent, parent.parent()
+    return (parent,)
 
 
-_STARTED_BY = _lineage()
+_STARTED_BY = _lineage() if _BY_DVC else ()
 
 
 def require_parent() -> None:
