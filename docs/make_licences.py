@@ -1,4 +1,4 @@
-"""Write docs/licences.md from requirements.lock and what the installed packages say of themselves.
+"""Write docs/licences.md from pyproject.toml, the locks and what the installed packages say of themselves.
 
 `python docs/make_licences.py`
 """
@@ -7,59 +7,88 @@ from __future__ import annotations
 
 import re
 import tomllib
-from importlib.metadata import PackageNotFoundError, metadata
+from collections.abc import Iterable
+from importlib.metadata import PackageNotFoundError, distribution, metadata
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "licences.md"
-HEAD = """# Licences of what this is built on
+LOCKS = {
+    "run": ("requirements.lock", "What the pipeline needs"),
+    "cluster": ("requirements-cluster.lock", "What computing on many machines needs besides"),
+    "dev": ("requirements-dev.lock", "What the tests need besides"),
+}
+HEAD = """# What this is built on, and its licences
 
-Made from `requirements.lock` by `python docs/make_licences.py`; run it in the project's environment after the lock changes.
-Every package is pinned to one version by the hashes of its files. *Direct* are those that the project's own code uses, with
-what for; the others come with them. A package that only another system needs is not installed here, and so says nothing.
+Made from `pyproject.toml` and the locks by `make locks`, or by `python docs/make_licences.py` in the environment of the tests.
+Every package is pinned to one version by the hashes of its files. `make repro` installs `requirements.lock`, `make test` all
+three locks. *For what* is said of those that the project's own code uses, with the size of their files in MB as installed
+on Linux; the others come with them. Where a package has two versions, the first is for Python 3.11.
 
-pingouin is under the GPL 3: the project's own code stays under the MIT licence and may be used without it, but a copy that
-brings pingouin along (an image, a bundled environment) is to be passed on under the terms of the GPL.
-
+The project's own code is under the MIT licence and imports no package under the GPL. DVC, which runs it, brings two: grandalf
+(GPL 2) and pygit2 (GPL 2 with an exception for linking). pingouin (GPL 3) is a peer that only the tests import. A copy that
+brings these along (an image, a bundled environment) passes them on under their terms.
 """
 USED_FOR = {
-    "numpy": "arrays", "scipy": "special functions, k-d tree, optimisation", "finufft": "density of large sets",
-    "polars": "tables in memory", "pyarrow": "Parquet", "duckdb": "the catalog and SQL", "mujoco": "kinematics",
-    "mcap": "recordings", "zstandard": "compressed recordings, unpacked within bounds",
-    "lz4": "compressed recordings, unpacked within bounds", "rerun-sdk": "recordings for the viewer",
-    "dvc": "what to run again", "pydantic": "params.yaml checked", "ruamel-yaml": "params.yaml read and edited",
-    "prompt-toolkit": "the prompt of lessbench sql", "pygments": "SQL in colours at that prompt", "typer": "the command line", "rich": "tables and progress on a terminal", "matplotlib": "figures",
-    "pandas": "what pingouin and statsmodels take and give", "pingouin": "repeated-measures analysis of variance",
-    "statsmodels": "logistic regression with clustered errors",
-    "dask": "folds over many machines", "distributed": "folds over many machines", "pytest": "tests",
-    "pytest-timeout": "tests", "hypothesis": "tests", "ruff": "lint and format", "mypy": "types",
-    "import-linter": "layers", "scikit-learn": "tests and benchmarks: the peer",
-    "mcap-ros2-support": "tests and benchmarks: the peer", "scipy-stubs": "types", "pandas-stubs": "types",
-    "setuptools": "installation",
-}  # fmt: skip
+    "numpy": "arrays",
+    "scipy": "special functions, k-d tree, optimisation, sparse matrices",
+    "finufft": "density of large sets",
+    "polars": "tables in memory",
+    "pyarrow": "Parquet",
+    "duckdb": "the catalog and SQL",
+    "mujoco": "kinematics",
+    "mcap": "recordings",
+    "zstandard": "compressed recordings, unpacked within bounds",
+    "lz4": "compressed recordings, unpacked within bounds",
+    "rerun-sdk": "recordings for the viewer, and the viewer itself",
+    "dvc": "what to run again",
+    "pydantic": "params.yaml checked",
+    "ruamel-yaml": "params.yaml read and edited",
+    "typer": "the command line",
+    "rich": "tables and progress on a terminal",
+    "prompt-toolkit": "the prompt of lessbench sql",
+    "pygments": "SQL in colours at that prompt",
+    "matplotlib": "figures",
+    "filelock": "one process at a time per stage; comes with DVC too",
+    "psutil": "whether the run that started a stage still exists; comes with DVC too",
+    "setuptools": "installation of the project itself",
+    "dask": "parts of a set over many machines",
+    "distributed": "parts of a set over many machines",
+    "pytest": "tests",
+    "pytest-timeout": "tests",
+    "hypothesis": "tests of properties",
+    "ruff": "lint and format",
+    "mypy": "types",
+    "import-linter": "layers",
+    "pingouin": "the peer of the analysis of variance",
+    "statsmodels": "the peer of the logistic regression",
+    "scikit-learn": "the peer of the density, in tests and benchmarks",
+    "mcap-ros2-support": "the peer of reading recordings, in tests and benchmarks",
+    "scipy-stubs": "types",
+}
 
 
-def locked() -> dict[str, str]:
-    """Version of every package of requirements.lock."""
-    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    return {_normal(name): version for name, version in re.findall(r"(?m)^([\w.-]+)==([\w.+!-]+)", text)}
+def locked(name: str) -> dict[str, str]:
+    """Version of every package of a lock, or its versions where they depend on Python's."""
+    text = (ROOT / LOCKS[name][0]).read_text(encoding="utf-8")
+    versions: dict[str, list[str]] = {}
+    for package, version in re.findall(r"(?m)^([\w.-]+)==([\w.+!-]+)", text):
+        versions.setdefault(_normal(package), []).append(version)
+    return {package: ", ".join(several) for package, several in sorted(versions.items())}
 
 
-def direct() -> set[str]:
-    """What pyproject.toml asks for, extras included."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    asked = [*project["dependencies"], *(one for extra in project["optional-dependencies"].values() for one in extra)]
-    return {_normal(re.split(r"[^\w.-]", one, maxsplit=1)[0]) for one in asked}
+def direct(name: str) -> set[str]:
+    """What pyproject.toml asks for: to build and run, or by the name of an extra."""
+    asked = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    project = asked["project"]
+    if name == "run":
+        return _names([*asked["build-system"]["requires"], *project["dependencies"]])
+    return _names(project["optional-dependencies"][name])
 
 
 def page() -> str:
     """The text of docs/licences.md."""
-    wanted = direct()
-    rows = [
-        f"| {name} | {version} | {licence(name)} | {USED_FOR[name] if name in wanted else ''} |"
-        for name, version in sorted(locked().items())
-    ]
-    return HEAD + "\n".join(["| package | version | licence | direct: for what |", "|---|---|---|---|", *rows]) + "\n"
+    return HEAD + "".join(_section(name) for name in LOCKS)
 
 
 def licence(name: str) -> str:
@@ -72,6 +101,27 @@ def licence(name: str) -> str:
     stated = about.get("License-Expression") or ", ".join(sorted(set(classifiers) - {"OSI Approved"}))
     first = (about.get("License") or "").strip().splitlines()
     return (stated or (first[0] if first else "not stated")).replace("|", "/")
+
+
+def _section(name: str) -> str:
+    file, title = LOCKS[name]
+    wanted = direct(name)
+    lines = [f"\n## {title} (`{file}`)\n", "| package | version | licence | MB | for what |", "|---|---|---|---|---|"]
+    packages = locked(name)
+    for package in [*sorted(wanted), *(package for package in packages if package not in wanted)]:
+        use = (f"{_megabytes(package):.0f}", USED_FOR[package]) if package in wanted else ("", "")
+        lines.append(f"| {package} | {packages[package]} | {licence(package)} | {use[0]} | {use[1]} |")
+    return "\n".join(lines) + "\n"
+
+
+def _megabytes(name: str) -> float:
+    """Of the files that the package itself lists, without bytecode; polars and mujoco keep theirs in packages beside."""
+    parts = {"polars": ["polars-runtime-32"], "mujoco": ["mujoco-core", "mujoco-studio"]}.get(name, [])
+    return sum(file.size or 0 for part in (name, *parts) for file in distribution(part).files or ()) / 1e6
+
+
+def _names(requirements: Iterable[str]) -> set[str]:
+    return {_normal(re.split(r"[^\w.-]", requirement, maxsplit=1)[0]) for requirement in requirements}
 
 
 def _normal(name: str) -> str:

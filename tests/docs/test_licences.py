@@ -1,4 +1,4 @@
-"""docs/licences.md is that of requirements.lock, and every direct dependency says what it is for and its licence."""
+"""docs/licences.md is that of the locks, and every direct dependency says what it is for and its licence."""
 
 from __future__ import annotations
 
@@ -6,26 +6,53 @@ import re
 import runpy
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
+MAKE = runpy.run_path(str(ROOT / "docs" / "make_licences.py"))
+NAMES = ["run", "cluster", "dev"]
+COPYLEFT = {"grandalf", "pygit2"}  # docs/licences.md says what they are
 
 
-def test_the_page_is_that_of_the_lock() -> None:
-    make = runpy.run_path(str(ROOT / "docs" / "make_licences.py"))
-    rows = re.findall(
-        r"(?m)^\| ([\w.-]+) \| ([\w.+!-]+) \| (.+?) \| (.*?) \|$", make["PAGE"].read_text(encoding="utf-8")
-    )
-    rows = rows[1:]  # after the head of the table
-    assert {name: version for name, version, _, _ in rows} == make["locked"]()
-    stated = {name: (licence, use) for name, _, licence, use in rows}
-    assert {name for name, (_, use) in stated.items() if use} == make["direct"]()
-    for name in make["direct"]():
-        assert stated[name][0] == make["licence"](name), f"{name}: run `python docs/make_licences.py`"
-        assert stated[name][0] != "not stated"
+def rows(name: str) -> dict[str, tuple[str, str, str]]:
+    """Version, licence and purpose of each package of a section of the page."""
+    sections = MAKE["PAGE"].read_text(encoding="utf-8").split("\n## ")
+    (section,) = [text for text in sections if f"(`{MAKE['LOCKS'][name][0]}`)" in text.splitlines()[0]]
+    cells = re.findall(r"(?m)^\| ([\w.-]+) \| ([^|]+) \| ([^|]+) \| [^|]*\| ([^|]*) \|$", section)
+    return {package: (version, licence, use) for package, version, licence, use in cells if package != "package"}
 
 
-def test_every_file_of_the_lock_is_pinned_by_its_hash() -> None:
-    text = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    pins = re.split(r"(?m)^(?=[\w.-]+==)", text)[1:]
-    assert pins
-    for pin in pins:
-        assert "--hash=sha256:" in pin, pin.splitlines()[0]
+@pytest.mark.parametrize("name", NAMES)
+def test_the_page_is_that_of_the_lock(name: str) -> None:
+    stated = rows(name)
+    assert {package: version for package, (version, _, _) in stated.items()} == MAKE["locked"](name)
+    assert {package for package, (_, _, use) in stated.items() if use} == MAKE["direct"](name)
+    for package in MAKE["direct"](name):
+        assert stated[package][1] == MAKE["licence"](package), f"{package}: run `python docs/make_licences.py`"
+        assert stated[package][1] != "not stated"
+
+
+def test_running_needs_no_package_under_the_gpl_but_those_that_dvc_brings() -> None:
+    gpl = {
+        package
+        for name in ("run", "cluster")
+        for package, (_, licence, _) in rows(name).items()
+        if re.search(r"GPL|General Public", licence) and " OR " not in licence
+    }
+    assert gpl == COPYLEFT
+    assert rows("dev")["pingouin"][1].startswith("GPL")
+
+
+def test_no_package_is_in_two_locks() -> None:
+    packages = [package for name in NAMES for package in MAKE["locked"](name)]
+    assert len(packages) == len(set(packages))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_file_of_the_lock_is_pinned_by_its_hash(name: str) -> None:
+    text = (ROOT / MAKE["LOCKS"][name][0]).read_text(encoding="utf-8")
+    pins = re.split(r"(?m)^(?=[\w.-]+==)", text)
+    assert not pins[0]  # no line names a place to install from
+    assert len(pins) > 1
+    for pin in pins[1:]:
+        assert re.fullmatch(r"\S+==\S+( ; [^\\]+)? \\\n(    --hash=sha256:[0-9a-f]{64}( \\)?\n)+", pin), pin[:80]
