@@ -51,6 +51,7 @@ USED_FOR = {
     "matplotlib": "figures",
     "filelock": "one process at a time per stage; comes with DVC too",
     "psutil": "whether the run that started a stage still exists; comes with DVC too",
+    "voluptuous": "whether dvc.lock is whole, by DVC's own schema; comes with DVC too",
     "setuptools": "installation of the project itself",
     "dask": "parts of a set over many machines",
     "distributed": "parts of a set over many machines",

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import runpy
+import sys
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -56,3 +59,29 @@ def test_every_file_of_the_lock_is_pinned_by_its_hash(name: str) -> None:
     assert len(pins) > 1
     for pin in pins[1:]:
         assert re.fullmatch(r"\S+==\S+( ; [^\\]+)? \\\n(    --hash=sha256:[0-9a-f]{64}( \\)?\n)+", pin), pin[:80]
+
+
+def imported_modules() -> set[str]:
+    """The modules of others that the project's code imports, anywhere in it."""
+    names = set()
+    for file in (file for folder in ("pipeline", "schemas") for file in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+                names.add(node.module.partition(".")[0])
+    return names - sys.stdlib_module_names - {"pipeline", "schemas"}
+
+
+def test_what_is_asked_for_is_what_the_code_imports() -> None:
+    asked = MAKE["direct"]("run") | MAKE["direct"]("cluster")
+    packages = {
+        module: {MAKE["_normal"](package) for package in several}
+        for module, several in packages_distributions().items()
+    }
+    used = set()
+    for module in imported_modules():
+        assert packages[module] & asked, f"{module} is imported and no package that holds it is in pyproject.toml"
+        used |= packages[module] & asked
+    # setuptools installs the project, and dask is what `distributed` computes for
+    assert used == asked - {"setuptools", "dask"}
