@@ -25,6 +25,10 @@ Every package is pinned to one version by the hashes of its files. `make repro` 
 three locks. *For what* is said of those that the project's own code uses, with the size of their files in MB as installed
 on Linux; the others come with them. Where a package has two versions, the first is for Python 3.11.
 
+The environment of `make repro` takes 1.5 GB (Linux, Python 3.11, after a run of everything): Rerun with its viewer 0.5, polars,
+pyarrow, scipy, duckdb, mujoco and numpy 0.65 together, what DVC and matplotlib bring 0.15, and 0.05 of bytecode. That of
+`make test` takes 0.3 GB more.
+
 The project's own code is under the MIT licence and imports no package under the GPL. DVC, which runs it, brings two: grandalf
 (GPL 2) and pygit2 (GPL 2 with an exception for linking). pingouin (GPL 3) is a peer that only the tests import. A copy that
 brings these along (an image, a bundled environment) passes them on under their terms.
