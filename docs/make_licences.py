@@ -20,18 +20,19 @@ LOCKS = {
 }
 HEAD = """# What this is built on, and its licences
 
-Made from `pyproject.toml` and the locks by `make locks`, or by `python docs/make_licences.py` in the environment of the tests.
-Every package is pinned to one version by the hashes of its files. `make repro` installs `requirements.lock`, `make test` all
-three locks. *For what* is said of those that the project's own code uses, with the size of their files in MB as installed
-on Linux; the others come with them. Where a package has two versions, the first is for Python 3.11.
+Made from `pyproject.toml` and the locks by `make locks`, or by `python docs/make_licences.py` in the environment of
+the tests. Every package is pinned to one version by the hashes of its files. `make repro` installs
+`requirements.lock`, `make test` all three locks. *For what* is said of those that the project's own code uses, with
+the size of their files in MB as installed on Linux; the others come with them. Where a package has two versions, the
+first is for Python 3.11.
 
-The environment of `make repro` takes 1.5 GB (Linux, Python 3.11, after a run of everything): Rerun with its viewer 0.5, polars,
-pyarrow, scipy, duckdb, mujoco and numpy 0.65 together, what DVC and matplotlib bring 0.15, and 0.05 of bytecode. That of
-`make test` takes 0.3 GB more.
+The environment of `make repro` takes 1.5 GB (Linux, Python 3.11, after a run of everything). The largest parts are
+Rerun with its viewer (0.5 GB), polars, pyarrow, scipy, duckdb, mujoco and numpy (0.65 GB together) and what DVC and
+matplotlib bring (0.15 GB). The environment of `make test` takes 0.3 GB more.
 
-The project's own code is under the MIT licence and imports no package under the GPL. DVC, which runs it, brings two: grandalf
-(GPL 2) and pygit2 (GPL 2 with an exception for linking). pingouin (GPL 3) is a peer that only the tests import. A copy that
-brings these along (an image, a bundled environment) passes them on under their terms.
+The project's own code is under the MIT licence and imports no package under the GPL. DVC, which runs it, brings two:
+grandalf (GPL 2) and pygit2 (GPL 2 with an exception for linking). pingouin (GPL 3) is a peer that only the tests
+import. A copy that brings these along (an image, a bundled environment) passes them on under their terms.
 """
 USED_FOR = {
     "numpy": "arrays",
@@ -120,7 +121,7 @@ def _section(name: str) -> str:
 
 
 def _megabytes(name: str) -> float:
-    """Of the files that the package itself lists, without bytecode; polars and mujoco keep theirs in packages beside."""
+    """Of the files that the package lists, without bytecode; polars and mujoco keep theirs in packages beside."""
     parts = {"polars": ["polars-runtime-32"], "mujoco": ["mujoco-core", "mujoco-studio"]}.get(name, [])
     return sum(file.size or 0 for part in (name, *parts) for file in distribution(part).files or ()) / 1e6
 

@@ -142,12 +142,12 @@ def repeated_logistic(table: pl.DataFrame, dependent: str, within: Sequence[str]
     """Factorial logistic regression of a yes-or-no measure, with repeated measures.
 
     logit P(yes) on all factors and their interactions, with standard errors that allow for the repeated measures of a
-    subject: generalised estimating equations with one cluster per subject and robust (sandwich) errors (Liang and Zeger,
-    "Longitudinal Data Analysis Using Generalized Linear Models", Biometrika 73, 1986). The design is complete and the
-    model has a parameter for every cell, therefore the equations have one solution under every working correlation:
-    contrasts of the cells' log odds, with the errors that follow from the covariance of the cells across subjects.
-    Factors have two levels, coded -1/2 and +1/2 in sorted order, so a main effect is the log odds ratio averaged over
-    the other factor.
+    subject: generalised estimating equations with one cluster per subject and robust (sandwich) errors (Liang and
+    Zeger, "Longitudinal Data Analysis Using Generalized Linear Models", Biometrika 73, 1986). The design is complete
+    and the model has a parameter for every cell, therefore the equations have one solution under every working
+    correlation: contrasts of the cells' log odds, with the errors that follow from the covariance of the cells across
+    subjects. Factors have two levels, coded -1/2 and +1/2 in sorted order, so a main effect is the log odds ratio
+    averaged over the other factor.
 
     Args:
         table, dependent, within, subject: as for `repeated_measures_anova`; `dependent` holds 0/1 or booleans.

@@ -5,9 +5,10 @@ The search is an evolution strategy with weighted recombination and cumulative s
 without the covariance update) over the coefficients of `sine_basis`. With decay 1 the sum of squared steps is a
 multiple of the squared norm of the coefficients, so no covariance needs to be learned for that term.
 
-All weightings move together in arrays, where the package `cma` (4.5) steps through one at a time. Planning the 36 paths of
-the default sampler for the table task, 120 populations of this strategy take 0.6 s and close 94 % of the gap from the
-straight path to what a long search finds; 60 populations of `cma` with a diagonal covariance take 0.8 s and close 91 %.
+All weightings move together in arrays, where the package `cma` (4.5) steps through one at a time. Planning the 36
+paths of the default sampler for the table task, 120 populations of this strategy take 0.6 s and close 94 % of the gap
+from the straight path to what a long search finds; 60 populations of `cma` with a diagonal covariance take 0.8 s and
+close 91 %.
 """
 
 from __future__ import annotations

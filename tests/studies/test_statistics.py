@@ -1,4 +1,4 @@
-"""Within-subjects statistics against a textbook example, closed forms, slow versions and peers (pingouin, statsmodels)."""
+"""Within-subjects statistics against a textbook example, closed forms, slow versions, pingouin and statsmodels."""
 
 from __future__ import annotations
 

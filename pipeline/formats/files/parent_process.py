@@ -51,7 +51,8 @@ def end_with_parent() -> None:
 def _watch() -> None:
     while not _orphaned():
         time.sleep(_LOOK_S)
-    print("lessbench: the `dvc repro` that started this stage has ended; so does the stage", file=sys.stderr)  # noqa: T201
+    said = "lessbench: the `dvc repro` that started this stage has ended; so does the stage"
+    print(said, file=sys.stderr)  # noqa: T201
     os._exit(1)
 
 
