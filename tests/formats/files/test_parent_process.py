@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -38,7 +39,7 @@ def test_a_stage_notices_that_its_run_is_gone(tmp_path: Path, way: str, kind: st
     program.write_text(STAGE)
     command = [sys.executable, str(program), kind]
     if way == "shell":
-        command = [f"{sys.executable} {program} {kind}; true"]  # a second command: the shell stays
+        command = [f"{shlex.join(command)}; true"]  # a second command: the shell stays
     with subprocess.Popen(
         [sys.executable, "-c", RUN, way, *command], env=os.environ | {"DVC_STAGE": "x"}, text=True,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
