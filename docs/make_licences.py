@@ -18,6 +18,12 @@ LOCKS = {
     "cluster": ("requirements-cluster.lock", "What computing on many machines needs besides"),
     "dev": ("requirements-dev.lock", "What the tests need besides"),
 }
+PARTS = {
+    "polars": {"polars-runtime-32"},
+    "mujoco": {"mujoco-core", "mujoco-studio"},
+    "pydantic": {"pydantic-core"},
+}
+"""What a package keeps in packages beside it, and asks for in one version only."""
 HEAD = """# What this is built on, and its licences
 
 Made from `pyproject.toml` and the locks by `make locks`, or by `python docs/make_licences.py` in the environment of
@@ -121,9 +127,9 @@ def _section(name: str) -> str:
 
 
 def _megabytes(name: str) -> float:
-    """Of the files that the package lists, without bytecode; polars and mujoco keep theirs in packages beside."""
-    parts = {"polars": ["polars-runtime-32"], "mujoco": ["mujoco-core", "mujoco-studio"]}.get(name, [])
-    return sum(file.size or 0 for part in (name, *parts) for file in distribution(part).files or ()) / 1e6
+    """Of the files that the package and its parts list, without bytecode."""
+    files = (file for part in {name} | PARTS.get(name, set()) for file in distribution(part).files or ())
+    return sum(file.size or 0 for file in files) / 1e6
 
 
 def _names(requirements: Iterable[str]) -> set[str]:

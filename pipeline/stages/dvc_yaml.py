@@ -26,6 +26,7 @@ NEUTRAL = {
     "pipeline/arrays.py",
     "pipeline/errors.py",
     "pipeline/formats/files/atomic.py",
+    "pipeline/formats/files/lock.py",
     "pipeline/formats/files/parent_process.py",
     "pipeline/params/paths.py",
     "pipeline/params/reading.py",
