@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -19,9 +18,11 @@ from pipeline.choice import held_out_from, log_likelihood, posterior_from, theta
 from pipeline.choice.models import choice_model
 from pipeline.choice.streaming import STREAMED_MODELS, JoinedSums, joined_sums
 from pipeline.errors import StageError
-from pipeline.formats.parquet.foreign_keys import check_references, check_table
-from pipeline.formats.parquet.partitions import PARTITIONS, Contents, Piece, Scaled, SetRows, contents, cut, read_pieces
-from pipeline.formats.parquet.tables import GROUPS, part_rows, read_part, read_table, write_table
+from pipeline.formats.parquet.checked.open_table import Piece
+from pipeline.formats.parquet.partitions import PART_ROWS, PARTITIONS, Scaled, SetRows, cut, gathered
+from pipeline.formats.parquet.table_file import TableFile
+from pipeline.formats.parquet.tables import table_writer, write_table
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Infer, Task
 from pipeline.stages.registry import parameters
 from pipeline.vocabulary import ALL, BOLTZMANN, LESS, TASK_ANCHOR
@@ -69,7 +70,7 @@ class Part:
         question: what is asked.
         anchor: of the set.
         rows: of the features.
-        densities: file of the log kernel sums.
+        densities: the table of the log kernel sums.
         density_rows: of the same alternatives in it.
         sigma: the set's bandwidth.
     """
@@ -77,7 +78,7 @@ class Part:
     question: Question
     anchor: str
     rows: tuple[Piece, ...]
-    densities: Path
+    densities: TableFile
     density_rows: tuple[Piece, ...]
     sigma: float
 
@@ -85,26 +86,30 @@ class Part:
 def run(project: Project, name: str) -> None:
     """Write posteriors.parquet and held_out.parquet of the task `name`."""
     task, settings, partition = project.params.task(name), project.params.infer, project.params.compute.partition
-    with recorded_run(project, "infer", name) as record, workers(project) as pool:
-        sources = [project.table(name, table) for table in INPUTS]
-        check_table(sources[3], "densities")  # of which only some columns are used
-        check_references(dict(zip(INPUTS, sources, strict=True)))
-        people = read_table(sources[0], "demonstrations", ["demonstration_id", "participant"])
-        there = contents(sources[1], "features")
-        question = _question(task, settings, people, there, sources[1], read_table(sources[2], "scales"))
+    with (
+        recorded_run(project, "infer", name) as record,
+        TaskTables(project.tables(name, INPUTS)) as tables,
+        workers(project) as pool,
+    ):
+        tables.check(whole=["demonstrations", "densities"])  # of which only some columns are used
+        people = tables["demonstrations"].read(["demonstration_id", "participant"])
+        question = _question(task, settings, people, tables)
         groups, thetas, betas = groups_of(people), question.thetas, question.betas
-        posteriors, held_out = [], []
-        for sets, found in _likelihoods(pool, question, there, sources[3], partition, f"infer {name}"):
-            for label, values in found.items():
-                _check_complete(values, question.ids)
-                about = {"task": name, "model": label, "set_size": sets[0].set_size, "set_id": sets[0].set_id}
-                columns = [pl.lit(value).alias(column) for column, value in about.items()]
-                posteriors.append(posterior_rows(groups, values, thetas, betas).with_columns(columns))
-                held_out.append(_held_out(people, values).with_columns(columns))
-        stated = provenance(project, parameters("infer", name), sources)
-        write_table(project.table(name, "posteriors"), "posteriors", pl.concat(posteriors), stated)
+        stated = provenance(project, parameters("infer", name), tables.values())
+        held_out = []
+        with (
+            table_writer(project.table(name, "posteriors"), "posteriors", stated) as writer,
+            gathered(writer, PART_ROWS) as posteriors,
+        ):
+            for sets, found in _likelihoods(pool, question, tables, partition, f"infer {name}"):
+                for label, values in found.items():
+                    _check_complete(values, question.ids)
+                    about = {"task": name, "model": label, "set_size": sets[0].set_size, "set_id": sets[0].set_id}
+                    for rows in posterior_parts(groups, values, thetas, betas, about):
+                        posteriors.add(rows)
+                    held_out.append(_held_out(people, values, about))
         write_table(project.table(name, "held_out"), "held_out", pl.concat(held_out), stated)
-        count = len(posteriors) * len(groups)
+        count = len(held_out) * len(groups)
         record.produced = f"{count:,} posteriors over {len(thetas)} thetas x {len(betas)} betas"
 
 
@@ -130,46 +135,42 @@ def hypotheses(task: Task, settings: Infer, features: Sequence[str]) -> np.ndarr
     return np.array(task.thetas, dtype=np.float64)
 
 
-def _question(
-    task: Task, settings: Infer, people: pl.DataFrame, there: Contents, path: Path, scales: pl.DataFrame
-) -> Question:
-    features = Scaled(path, tuple(scales["feature"]), scales["scale"].to_numpy())
-    rows = read_pieces(path, "features", there.others, ["id", *features.names])
+def _question(task: Task, settings: Infer, people: pl.DataFrame, tables: TaskTables) -> Question:
+    scales, table = tables["scales"].read(), tables["features"]
+    features = Scaled(tables.for_jobs("features"), tuple(scales["feature"]), scales["scale"].to_numpy())
+    rows = pl.concat(table.pieces(tables.contents("features").others, ["id", *features.names]))
     rows = people.join(rows, left_on="demonstration_id", right_on="id", how="left", maintain_order="left")
-    if rows.select(features.names).null_count().sum_horizontal().item():
-        absent = rows.filter(pl.any_horizontal(pl.col(features.names).is_null()))["demonstration_id"][0]
-        raise StageError(f"{path}: lacks the demonstration {absent!r} that demonstrations.parquet has; run `dvc repro`")
+    absent = rows.filter(pl.any_horizontal(pl.col(features.names).is_null()))["demonstration_id"]
+    if len(absent):
+        raise StageError(f"{table.path}: has the demonstration {absent[0]!r} in a set of alternatives; run `dvc repro`")
     phi = np.ascontiguousarray(rows.select(features.names).to_numpy() / features.scale)
     thetas, betas = hypotheses(task, settings, features.names), np.array(settings.betas)
     return Question(features, settings.models, tuple(people["demonstration_id"]), phi, thetas, betas)
 
 
 def _likelihoods(
-    pool: Workers, question: Question, there: Contents, densities: Path, partition: int, what: str
+    pool: Workers, question: Question, tables: TaskTables, partition: int, what: str
 ) -> Iterator[tuple[tuple[SetRows, ...], dict[str, FloatArray]]]:
     """The sets of each size and number, of all anchors, with (n, K, B) log likelihoods under each model."""
-    known, sigmas = {one.key: one for one in contents(densities, "densities").sets}, _bandwidths(densities)
+    densities = tables["densities"]
+    density_rows = {one.key: one for one in tables.contents("densities").sets}
+    sigmas = {
+        key: float(densities.part(one.pieces[0].part, ["bandwidth"])["bandwidth"][one.pieces[0].first])
+        for key, one in density_rows.items()
+    }
     alike: dict[tuple[int, str], list[SetRows]] = {}
-    for one in there.sets:
+    for one in tables.contents("features").sets:
         alike.setdefault((one.set_size, one.set_id), []).append(one)
     sets = [tuple(some) for some in alike.values()]
     for large, some in groupby(sets, lambda same: max(one.rows for one in same) > partition):
         if large:
             for same in some:
-                yield same, _streamed(pool, question, same, densities, known, sigmas, partition, what)
+                parts = _Parts(question, tables.for_jobs("densities"), density_rows, sigmas, partition)
+                yield same, _streamed(pool, parts, same, what)
         else:
             small = list(some)
             jobs = [(question, same, tuple(sigmas[one.key] for one in same)) for same in small]
             yield from zip(small, pool.mapped(set_likelihoods, jobs, what), strict=True)
-
-
-def _bandwidths(path: Path) -> dict[tuple[str, int, str], float]:
-    """The bandwidth of each set."""
-    found: dict[tuple[str, int, str], float] = {}
-    for number in range(len(part_rows(path, "densities"))):
-        part = read_part(path, "densities", number, [*GROUPS, "bandwidth"]).unique(GROUPS, maintain_order=True)
-        found |= {(anchor, size, set_id): sigma for anchor, size, set_id, sigma in part.iter_rows()}
-    return found
 
 
 def set_likelihoods(job: tuple[Question, tuple[SetRows, ...], tuple[float, ...]]) -> dict[str, FloatArray]:
@@ -189,29 +190,44 @@ def set_likelihoods(job: tuple[Question, tuple[SetRows, ...], tuple[float, ...]]
     return found
 
 
-def _streamed(
-    pool: Workers, question: Question, sets: tuple[SetRows, ...], densities: Path,
-    known: Mapping[tuple[str, int, str], SetRows], sigmas: Mapping[tuple[str, int, str], float], partition: int, what: str,
-) -> dict[str, FloatArray]:  # fmt: skip
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """What the parts of all large sets have in common; attributes as in `Part`, those of a set by its key."""
+
+    question: Question
+    densities: TableFile
+    density_rows: Mapping[tuple[str, int, str], SetRows]
+    sigmas: Mapping[tuple[str, int, str], float]
+    partition: int
+
+    def of(self, one: SetRows) -> list[Part]:
+        """The parts of a set."""
+        ranges = [(first, first + count) for first, count in cut(one.rows, PARTITIONS * self.partition)]
+        rows = self.density_rows[one.key]
+        return [
+            Part(
+                self.question, one.anchor, one.between(*some), self.densities, rows.between(*some), self.sigmas[one.key]
+            )
+            for some in ranges
+        ]
+
+
+def _streamed(pool: Workers, parts: _Parts, sets: tuple[SetRows, ...], what: str) -> dict[str, FloatArray]:
     """(n, K, B) under each model, each set a fold over its parts."""
+    question = parts.question
     whole = [label for label in question.models if label not in STREAMED_MODELS]
     if whole:
         raise StageError(
             f"infer.models lists {whole[0]}, which compares every alternative with all others, and the set "
-            f"{sets[0].set_id!r} of {sets[0].rows:,} is larger than compute.partition ({partition:,}); leave that model out, "
-            "or make the partition larger"
+            f"{sets[0].set_id!r} of {sets[0].rows:,} is larger than compute.partition ({parts.partition:,}); leave that model "
+            "out, or make the partition larger"
         )
     found = {label: question.unknown() for label in question.models}
     for one in sets:
         mine = question.of(one.anchor)
         if not mine:
             continue
-        ranges = [(first, first + count) for first, count in cut(one.rows, PARTITIONS * partition)]
-        jobs = [
-            Part(question, one.anchor, one.between(*rows), densities, known[one.key].between(*rows), sigmas[one.key])
-            for rows in ranges
-        ]
-        sums = pool.merged(part_sums, jobs, _added, f"{what} {one.set_id}")
+        sums = pool.merged(part_sums, parts.of(one), _added, f"{what} {one.set_id}")
         phi = question.demonstrations[mine]
         for label, values in found.items():
             values[mine] = sums[label].log_likelihood(phi, question.thetas, question.betas, phi.mean(axis=0))
@@ -220,15 +236,16 @@ def _streamed(
 
 def part_sums(part: Part) -> dict[str, JoinedSums]:
     """What a part of a set adds under each model."""
-    question = part.question
-    own = read_pieces(part.densities, "densities", part.density_rows, ["alternative_id", "log_density"])
-    rows = read_pieces(question.features.path, "features", part.rows, ["id", *question.features.names])
-    if not own["alternative_id"].equals(rows["id"]):
+    question, features = part.question, part.question.features
+    own = pl.concat(part.densities.table().pieces(part.density_rows, ["alternative_id", "log_density"]))
+    ids = pl.concat(features.file.table().pieces(part.rows, ["id"]))
+    if not own["alternative_id"].equals(ids["id"]):
         raise StageError(
-            f"{part.densities}: its alternatives are not in the order of features.parquet; make it again with `dvc repro`"
+            f"{part.densities.path}: its alternatives are not in the order of features.parquet; make it again with "
+            "`dvc repro`"
         )
     phi = question.demonstrations[question.of(part.anchor)]
-    alternatives = rows.select(question.features.names).to_numpy() / question.features.scale
+    alternatives = features.read(part.rows)
     weights = {LESS: own["log_density"].to_numpy(), BOLTZMANN: None}
     return {
         label: joined_sums(
@@ -261,16 +278,32 @@ def groups_of(people: pl.DataFrame) -> list[Group]:
     return [*singles, *several, (ALL, ALL, list(range(len(singles))))]
 
 
-def posterior_rows(groups: Sequence[Group], values: FloatArray, thetas: FloatArray, betas: FloatArray) -> pl.DataFrame:
-    """Rows of posteriors.parquet for each group, from (n, K, B) log likelihoods of the demonstrations."""
+def posterior_parts(
+    groups: Sequence[Group], values: FloatArray, thetas: FloatArray, betas: FloatArray, about: Mapping[str, object]
+) -> Iterator[pl.DataFrame]:
+    """Rows of posteriors.parquet for each group in turn, some groups at a time, so that few rows are in memory.
+
+    Args:
+        groups: from `groups_of`.
+        values: (n, K, B) log likelihoods of the demonstrations.
+        thetas, betas: the hypotheses.
+        about: columns that are the same in all rows, with their value.
+    """
+    columns = [pl.lit(value).alias(column) for column, value in about.items()]
+    for first, count in cut(len(groups), max(PART_ROWS // values[0].size, 1)):
+        yield _posterior_rows(groups[first : first + count], values, thetas, betas).with_columns(columns)
+
+
+def _posterior_rows(groups: Sequence[Group], values: FloatArray, thetas: FloatArray, betas: FloatArray) -> pl.DataFrame:
     log_posterior = np.stack(
         [posterior_from(values[of].sum(axis=0), thetas, betas).log_probability for _, _, of in groups]
     )
     n, k, b = log_posterior.shape
+    of = np.repeat(np.arange(n), k * b)
     return pl.DataFrame(
         {
-            "demonstration_id": np.repeat([group[0] for group in groups], k * b),
-            "participant": np.repeat([group[1] for group in groups], k * b),
+            "demonstration_id": pl.Series([group[0] for group in groups]).gather(of),
+            "participant": pl.Series([group[1] for group in groups]).gather(of),
             "theta_id": np.tile(np.repeat(np.arange(k), b), n),
             "theta": np.tile(np.repeat(thetas, b, axis=0), (n, 1)),
             "beta": np.tile(betas, n * k),
@@ -280,8 +313,9 @@ def posterior_rows(groups: Sequence[Group], values: FloatArray, thetas: FloatArr
     )
 
 
-def _held_out(people: pl.DataFrame, values: FloatArray) -> pl.DataFrame:
+def _held_out(people: pl.DataFrame, values: FloatArray, about: Mapping[str, object]) -> pl.DataFrame:
     """One row per demonstration; none of fewer than two, as there are no others to predict it from."""
+    rows = people.with_columns(pl.lit(value).alias(column) for column, value in about.items())
     if people.height < 2:
-        return people.clear().with_columns(log_predictive=pl.lit(None, pl.Float64))
-    return people.with_columns(log_predictive=pl.Series(held_out_from(values).log_predictive))
+        return rows.clear().with_columns(log_predictive=pl.lit(None, pl.Float64))
+    return rows.with_columns(log_predictive=pl.Series(held_out_from(values).log_predictive))
