@@ -25,7 +25,7 @@ from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.mcap.folder_watcher import Arrivals, News
 from pipeline.formats.mcap.rejection_reasons import plain
 from pipeline.formats.parquet.checked.open_table import OpenTable
-from pipeline.formats.parquet.partitions import PART_ROWS, gathered
+from pipeline.formats.parquet.partitions import gathered
 from pipeline.formats.parquet.tables import table_writer, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Task
@@ -37,6 +37,7 @@ from pipeline.stages import infer
 from pipeline.stages.ingest import LONGEST_NAME, REJECTED, demonstration
 from pipeline.stages.inspect import PATHS
 from pipeline.stages.registry import parameters
+from pipeline.studies.posteriors import PART_ROWS, groups_of, posterior_parts
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
 from pipeline.views.rerun.records import AlternativeSet, Replay
@@ -421,10 +422,10 @@ def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, 
         table_writer(partial / "posteriors.parquet", "posteriors", stated) as writer,
         gathered(writer, PART_ROWS) as posteriors,
     ):
-        groups = infer.groups_of(people)
+        groups = groups_of(people)
         for model in belief.models:
             about = {"task": setting.name, "model": model, "set_size": len(setting.raw), "set_id": WORKING}
-            for part in infer.posterior_parts(groups, belief.values(model), setting.thetas, setting.betas, about):
+            for part in posterior_parts(groups, belief.values(model), setting.thetas, setting.betas, about):
                 posteriors.add(part)
 
 

@@ -11,7 +11,6 @@ import polars as pl
 from pipeline.arrays import FloatArray
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
-from pipeline.formats.parquet.partitions import PART_ROWS
 from pipeline.formats.parquet.tables import table_writer
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Task
@@ -19,6 +18,7 @@ from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.infer import hypotheses
 from pipeline.stages.registry import parameters
+from pipeline.studies.posteriors import PART_ROWS
 from pipeline.studies.robustness.divergence import true_direction
 from pipeline.studies.robustness.duplicates import inject_duplicates
 from pipeline.studies.robustness.problem import ChoiceSets, Demonstrations, Problem

@@ -16,7 +16,6 @@ from pipeline.formats.parquet.checked.open_table import Piece
 from pipeline.formats.parquet.table_file import TableFile
 from pipeline.formats.parquet.tables import TableWriter
 
-PART_ROWS = 1 << 18  # of a part of a table of hypotheses, unless one posterior alone has more
 PARTITIONS = 10  # of alternatives whose features are read at once: their rows are far smaller than waypoints
 
 

@@ -20,7 +20,7 @@ from pipeline.formats.parquet.checked.open_table import Piece
 from pipeline.formats.parquet.tables import read_table, write_table
 from pipeline.stages import density, featurize, infer, ingest, sample
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.workspace.compute import executor
+from pipeline.workspace.compute import executor, likelihoods
 from pipeline.workspace.compute.streamed_alternatives import StreamedSet
 from pipeline.workspace.project import Project
 from tests.support.tables import part_rows
@@ -32,8 +32,8 @@ MakeProject = Callable[[dict[str, Any]], Project]
 def large(parameters: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Parameters of a project whose working set is five parts of 400 rows, features read by two of them at a time."""
     monkeypatch.setattr(partitions, "PARTITIONS", 2)
-    for stage in (density, infer):
-        monkeypatch.setattr(stage, "PARTITIONS", 2)
+    for module in (density, likelihoods):
+        monkeypatch.setattr(module, "PARTITIONS", 2)
     parameters["compute"]["partition"] = 400
     parameters["sample"] |= {"sizes": [5, 20], "sets": 2, "working_set": 1900}
     parameters["density"]["bandwidth"] = 0.05
