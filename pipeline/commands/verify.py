@@ -6,7 +6,7 @@ Nothing is read whole but the files that are hashed: of a table only what the sa
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -16,11 +16,13 @@ import numpy as np
 import polars as pl
 
 from pipeline import params
-from pipeline.arrays import FloatArray, IndexArray
+from pipeline.arrays import FloatArray
 from pipeline.choice import log_density, log_likelihood, posterior_from
 from pipeline.choice.models import choice_model
 from pipeline.errors import StageError, TableError, WorkbenchError
-from pipeline.formats.parquet.tables import part_rows, read_part, read_provenance, read_table
+from pipeline.formats.parquet.checked.open_table import OpenTable, Piece
+from pipeline.formats.parquet.partitions import runs
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.replay.features import bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.registry import Stage, parameters, table_makers
@@ -32,6 +34,7 @@ from pipeline.workspace.scenes import load_task_scene
 
 TOLERANCE = 1e-9  # of a replayed value, relative to the largest of its kind: other processors round otherwise
 DENSITY_TOLERANCE = 1e-6  # of a log density: large sets are summed to a stated error
+QUESTION, SET = ("model", "demonstration_id", "participant"), ("set_size", "set_id")  # of a posterior
 REPLAYED = 20_000  # alternatives in a set, at most, for it to be in the sample
 
 
@@ -74,14 +77,15 @@ def verify(project: Project, name: str, sample: int) -> Verified:
         raise StageError(f"{project.datasets / name}: there are no tables to verify; make them with `dvc repro`")
     known = _Known(project, name)
     recorded = _recorded(project)
-    for table, stage in made.items():
-        _check_table(found, known, table, stage, recorded)
-    if name != STUDIES and sample:
-        rng = child_rng(project.params.seed, "verify", name)
-        if {"features", "alternatives", "demonstrations"} <= made.keys():
-            _guarded(found, lambda: _replay_trajectories(found, project, name, sample, rng))
-        if {"posteriors", "densities", "scales", "features", "demonstrations"} <= made.keys():
-            _guarded(found, lambda: _replay_posteriors(found, project, name, sample, rng))
+    with TaskTables(project.tables(name, made)) as tables:
+        for table, stage in made.items():
+            _check_table(found, known, tables, table, stage, recorded)
+        if name != STUDIES and sample:
+            rng = child_rng(project.params.seed, "verify", name)
+            if {"features", "alternatives", "demonstrations"} <= made.keys():
+                _guarded(found, lambda: _replay_trajectories(found, project, name, tables, sample, rng))
+            if {"posteriors", "densities", "scales", "features", "demonstrations"} <= made.keys():
+                _guarded(found, lambda: _replay_posteriors(found, project, tables, sample, rng))
     return found
 
 
@@ -111,14 +115,15 @@ class _Known:
         return self._hashes.get(path)
 
 
-def _check_table(found: Verified, known: _Known, table: str, stage: Stage, recorded: dict[str, str]) -> None:
+def _check_table(
+    found: Verified, known: _Known, tables: TaskTables, table: str, stage: Stage, recorded: dict[str, str]
+) -> None:
     project = known.project
     path = project.table(known.name, table)
     shown = project.shown(path)
     found.tables += 1
     try:
-        about = read_provenance(path)
-        part_rows(path, table)
+        about = tables[table].provenance
     except TableError as error:
         found.drift.append(str(error))
         return
@@ -159,18 +164,18 @@ def _guarded(found: Verified, replay: Callable[[], None]) -> None:
         found.drift.append(f"a table cannot be read ({' '.join(str(error).split())}); make it again with `dvc repro`")
 
 
-def _replay_trajectories(found: Verified, project: Project, name: str, sample: int, rng: np.random.Generator) -> None:
+def _replay_trajectories(
+    found: Verified, project: Project, name: str, tables: TaskTables, sample: int, rng: np.random.Generator
+) -> None:
     """Features of some demonstrations and alternatives, from their waypoints."""
     task = project.params.task(name)
     features = bind_features(load_task_scene(project, task), task.features)
-    path = project.table(name, "features")
-    for kind, table in (("demonstration", "demonstrations"), ("alternative", "alternatives")):
-        source = project.table(name, table)
-        count = sum(part_rows(source, table))
-        rows = np.sort(rng.choice(count, min(sample, count), replace=False))
-        trajectories = _rows(source, table, rows, [f"{kind}_id", "waypoints"])
+    path = tables["features"].path
+    for kind, source in (("demonstration", tables["demonstrations"]), ("alternative", tables["alternatives"])):
+        rows = np.sort(rng.choice(source.rows, min(sample, source.rows), replace=False))
+        trajectories = source.at(rows.tolist(), [f"{kind}_id", "waypoints"])
         ids = trajectories[f"{kind}_id"]
-        stored = pl.scan_parquet(path).filter(pl.col("kind") == kind, pl.col("id").is_in(ids.implode())).collect()
+        stored = tables["features"].read(where=(pl.col("kind") == kind) & pl.col("id").is_in(ids.implode()))
         joined = pl.DataFrame({"id": ids}).join(stored, on="id", how="left", maintain_order="left")
         if joined["kind"].null_count():
             missing = joined.filter(pl.col("kind").is_null())["id"][0]
@@ -190,49 +195,31 @@ def _replay_trajectories(found: Verified, project: Project, name: str, sample: i
                 )
 
 
-def _rows(path: Path, table: str, rows: IndexArray, columns: list[str]) -> pl.DataFrame:
-    """Some rows of a table, in order, with one part of it in memory at a time."""
-    ends = np.cumsum(part_rows(path, table))
-    parts = []
-    for number in np.unique(np.searchsorted(ends, rows, side="right")):
-        first = int(ends[number - 1]) if number else 0
-        here = rows[(rows >= first) & (rows < ends[number])] - first
-        part: pl.DataFrame = read_part(path, table, int(number), columns)[here]
-        parts.append(part)
-    return pl.concat(parts)
-
-
-def _replay_posteriors(found: Verified, project: Project, name: str, sample: int, rng: np.random.Generator) -> None:
+def _replay_posteriors(
+    found: Verified, project: Project, tables: TaskTables, sample: int, rng: np.random.Generator
+) -> None:
     """Posteriors and densities of some sets, from the features."""
-    densities, posteriors = project.table(name, "densities"), project.table(name, "posteriors")
-    scales = read_table(project.table(name, "scales"), "scales")
-    people = read_table(project.table(name, "demonstrations"), "demonstrations", ["demonstration_id", "participant"])
-    sets = (
-        pl.scan_parquet(densities)
-        .filter(pl.col("set_size") <= REPLAYED)
-        .group_by("set_size", "set_id", maintain_order=True)
-        .agg(pl.col("anchor").unique(maintain_order=True))
-        .collect()
-    )
-    if sets.is_empty():
+    people = tables["demonstrations"].read(["demonstration_id", "participant"])
+    anchors = _anchors(tables["densities"])
+    if not anchors:
         return
-    questions = pl.scan_parquet(posteriors).select("model", "demonstration_id", "participant").unique().collect()
-    questions = questions.sort(questions.columns)
+    where = _places(tables["posteriors"], (*QUESTION, *SET))
+    questions = sorted({key[: len(QUESTION)] for key in where})
     for _ in range(sample):
-        which = sets.row(int(rng.integers(sets.height)), named=True)
-        model, demonstration_id, participant = questions.row(int(rng.integers(questions.height)))
-        question = {"model": model, "demonstration_id": demonstration_id, "participant": participant}
-        here = {"set_size": which["set_size"], "set_id": which["set_id"]}
-        stored = pl.scan_parquet(posteriors).filter(**question, **here).collect().sort("theta_id", "beta")
-        said = f"{project.shown(posteriors)}: the posterior of {', '.join(map(str, (question | here).values()))}"
-        if stored.is_empty():
+        which = list(anchors)[int(rng.integers(len(anchors)))]
+        question = questions[int(rng.integers(len(questions)))]
+        said = f"{project.shown(tables['posteriors'].path)}: the posterior of {', '.join(map(str, question + which))}"
+        if question + which not in where:
             found.drift.append(f"{said} is missing")
             continue
-        chosen = _of(people, demonstration_id, participant)
+        columns = ["theta_id", "theta", "beta", "log_posterior", "posterior"]
+        stored = pl.concat(tables["posteriors"].pieces(where[question + which], columns)).sort("theta_id", "beta")
+        model, *asked = question
+        chosen = _of(people, *asked)
         thetas = np.array(stored.unique("theta_id", maintain_order=True)["theta"].to_list())
         betas = np.sort(stored["beta"].unique().to_numpy())
         total = np.zeros((len(thetas), len(betas)))
-        for alternatives, kernel, of in _choice_sets(found, project, name, scales, here, which["anchor"], chosen):
+        for alternatives, kernel, of in _choice_sets(found, project, tables, which, anchors[which], chosen):
             values = log_likelihood(choice_model(model, kernel), of, alternatives, thetas, betas)
             total += values.sum(axis=0)
         replayed = posterior_from(total, thetas, betas).log_probability.ravel()
@@ -247,32 +234,50 @@ def _replay_posteriors(found: Verified, project: Project, name: str, sample: int
                 )
 
 
+def _places(table: OpenTable, columns: Sequence[str]) -> dict[tuple[Any, ...], list[Piece]]:
+    """Where the rows are that have the same values in some columns, which follow each other."""
+    places: dict[tuple[Any, ...], list[Piece]] = {}
+    for number, _ in enumerate(table.parts):
+        for values, piece in runs(number, table.part(number, columns), columns):
+            places.setdefault(values, []).append(piece)
+    return places
+
+
+def _anchors(densities: OpenTable) -> dict[tuple[int, str], list[str]]:
+    """By size and number, the anchors of the sets that are small enough to be computed again."""
+    anchors: dict[tuple[int, str], list[str]] = {}
+    for size, set_id, anchor in _places(densities, (*SET, "anchor")):
+        if size <= REPLAYED:
+            anchors.setdefault((size, set_id), []).append(anchor)
+    return anchors
+
+
 def _choice_sets(
-    found: Verified, project: Project, name: str, scales: pl.DataFrame, here: dict[str, Any], anchors: list[str],
-    chosen: list[str],
-) -> Iterator[tuple[FloatArray, float, FloatArray]]:  # fmt: skip
+    found: Verified, project: Project, tables: TaskTables, which: tuple[int, str], anchors: list[str], chosen: list[str]
+) -> Iterator[tuple[FloatArray, float, FloatArray]]:
     """Per anchor that some of the chosen demonstrations have: alternatives (N, F), bandwidth, demonstrations (n, F)."""
+    features, densities, scales = tables["features"], tables["densities"], tables["scales"].read()
     names, scale = scales["feature"].to_list(), scales["scale"].to_numpy()
-    features = pl.scan_parquet(project.table(name, "features"))
+    size, set_id = which
     for anchor in anchors:
         mine = chosen if anchor == TASK_ANCHOR else [one for one in chosen if one == anchor]
         if not mine:
             continue
-        demonstrations = features.filter(pl.col("kind") == "demonstration", pl.col("id").is_in(mine)).collect()
+        demonstrations = features.read(where=(pl.col("kind") == "demonstration") & pl.col("id").is_in(mine))
         if demonstrations.height < len(mine):
-            raise StageError(f"{project.shown(project.table(name, 'features'))}: has no row of a demonstration")
-        phi = features.filter(anchor=anchor, **here).select("id", *names).collect()
+            raise StageError(f"{project.shown(features.path)}: has no row of a demonstration")
+        here = (pl.col("anchor") == anchor) & (pl.col("set_size") == size) & (pl.col("set_id") == set_id)
+        phi = features.read(["id", *names], where=here)
         if phi.is_empty():
-            raise StageError(f"{project.shown(project.table(name, 'features'))}: has no rows of the set {here}")
-        path = project.table(name, "densities")
-        density = pl.scan_parquet(path).filter(anchor=anchor, **here).collect()
+            raise StageError(f"{project.shown(features.path)}: has no rows of the set {set_id!r} of {size:,}")
+        density = densities.read(where=here)
         joined = phi.join(density, left_on="id", right_on="alternative_id", how="left", maintain_order="left")
         bandwidth = float(density["bandwidth"][0])
         alternatives = joined.select(names).to_numpy() / scale
         again = log_density(alternatives, bandwidth)
         for row in _different(joined["log_density"].to_numpy(), again, DENSITY_TOLERANCE)[:1]:
             found.drift.append(
-                f"{project.shown(path)}: log_density of {joined['id'][row]} is {joined['log_density'][row]!r}, "
+                f"{project.shown(densities.path)}: log_density of {joined['id'][row]} is {joined['log_density'][row]!r}, "
                 f"and {float(again[row])!r} when computed again"
             )
         yield alternatives, bandwidth, demonstrations.select(names).to_numpy() / scale

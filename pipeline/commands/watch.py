@@ -24,7 +24,10 @@ from pipeline.errors import RecordingError, StageError, WorkbenchError
 from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.mcap.folder_watcher import Arrivals, News
 from pipeline.formats.mcap.rejection_reasons import plain
-from pipeline.formats.parquet.tables import read_table, write_table
+from pipeline.formats.parquet.checked.open_table import OpenTable
+from pipeline.formats.parquet.partitions import gathered
+from pipeline.formats.parquet.tables import table_writer, write_table
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.geometry import body_poses, extract_geometry
@@ -34,12 +37,13 @@ from pipeline.stages import infer
 from pipeline.stages.ingest import LONGEST_NAME, REJECTED, demonstration
 from pipeline.stages.inspect import PATHS
 from pipeline.stages.registry import parameters
+from pipeline.studies.posteriors import PART_ROWS, groups_of, posterior_parts
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
 from pipeline.views.rerun.records import AlternativeSet, Replay
 from pipeline.views.rerun.server import require_listening, server
 from pipeline.views.task_summary import density_map, replay_samples, theta_labels, theta_meaning
-from pipeline.views.task_view import ALTERNATIVE, read_columns, read_waypoints
+from pipeline.views.task_view import ALTERNATIVE, read_waypoints
 from pipeline.vocabulary import TASK_ANCHOR, WORKING, model_name
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
@@ -80,7 +84,7 @@ class Setting:
         drawn: their paths.
         feature_set: what evaluates the features.
         thetas, betas: the hypotheses.
-        sources: the tables.
+        sources: the tables, which are closed.
     """
 
     name: str
@@ -96,7 +100,7 @@ class Setting:
     feature_set: FeatureSet
     thetas: FloatArray
     betas: FloatArray
-    sources: tuple[Path, ...]
+    sources: tuple[OpenTable, ...]
 
 
 @dataclass
@@ -224,22 +228,24 @@ def read_setting(project: Project, name: str) -> Setting:
             f"tasks.{name}.anchor is {task.anchor!r}: each demonstration needs alternatives of its own, which new ones do "
             "not have yet; set it to task, or run `dvc repro` after each recording"
         )
-    sources = tuple(project.table(name, table) for table in TABLES)
-    scales = read_table(sources[2], "scales")
-    names = tuple(scales["feature"])
-    if set(names) != set(task.features):
-        raise StageError(f"{sources[2]}: has features other than tasks.{name}.features; run `dvc repro`")
-    working = pl.col("set_id") == WORKING
-    features = read_columns(sources[1], "features", ["set_id", *names]).filter(working)
-    columns = ["alternative_id", "set_id", "bandwidth", "log_density"]
-    densities = read_columns(sources[3], "densities", columns).filter(working)
-    alternatives = read_columns(sources[0], "alternatives", ALTERNATIVE).filter(working)
-    both = alternatives.join(densities, on="alternative_id", how="inner", maintain_order="left")
-    if not features.height == alternatives.height == both.height > 0:
-        raise StageError(f"{sources[3]}: does not have the alternatives of {sources[0].name}; run `dvc repro`")
+    with TaskTables(project.tables(name, TABLES)) as tables:
+        sources = tuple(tables.values())
+        scales = tables["scales"].read()
+        names = tuple(scales["feature"])
+        if set(names) != set(task.features):
+            raise StageError(f"{tables['scales'].path}: has features other than tasks.{name}.features; run `dvc repro`")
+        working = pl.col("set_id") == WORKING
+        features = tables["features"].read(["set_id", *names], where=working)
+        densities = tables["densities"].read(["alternative_id", "bandwidth", "log_density"], where=working)
+        alternatives = tables["alternatives"].read(ALTERNATIVE, where=working)
+        both = alternatives.join(densities, on="alternative_id", how="inner", maintain_order="left")
+        if not features.height == alternatives.height == both.height > 0:
+            raise StageError(
+                f"{tables['densities'].path}: does not have the alternatives of alternatives.parquet; run `dvc repro`"
+            )
+        some = _some(project, name, both)
+        waypoints = read_waypoints(tables["alternatives"], some["alternative_id"])
     scene = load_task_scene(project, task)
-    some = _some(project, name, both)
-    waypoints = read_waypoints(sources[0], some["alternative_id"])
     paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
     log_weights = -some["log_density"].to_numpy()
     return Setting(
@@ -411,15 +417,16 @@ def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, 
     stated = provenance(project, parameters("ingest", setting.name), used)
     write_table(partial / "demonstrations.parquet", "demonstrations", table, stated)
     write_table(partial / "rejected.parquet", "rejected", pl.DataFrame(list(rejected.values()), REJECTED), stated)
-    posteriors = []
-    for model in belief.models:
-        about = {"task": setting.name, "model": model, "set_size": len(setting.raw), "set_id": WORKING}
-        columns = [pl.lit(value).alias(column) for column, value in about.items()]
-        groups = infer.groups_of(people)
-        found = infer.posterior_rows(groups, belief.values(model), setting.thetas, setting.betas)
-        posteriors.append(found.with_columns(columns))
     stated = provenance(project, parameters("infer", setting.name), [*files, *setting.sources])
-    write_table(partial / "posteriors.parquet", "posteriors", pl.concat(posteriors), stated)
+    with (
+        table_writer(partial / "posteriors.parquet", "posteriors", stated) as writer,
+        gathered(writer, PART_ROWS) as posteriors,
+    ):
+        groups = groups_of(people)
+        for model in belief.models:
+            about = {"task": setting.name, "model": model, "set_size": len(setting.raw), "set_id": WORKING}
+            for part in posterior_parts(groups, belief.values(model), setting.thetas, setting.betas, about):
+                posteriors.add(part)
 
 
 def _counts(belief: Belief, rejected: dict[str, dict[str, str]], arrivals: Arrivals) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import groupby
 from pathlib import Path
@@ -26,19 +26,11 @@ from pipeline.choice.kernel.fourier import Sketch
 from pipeline.choice.scaling import Spread
 from pipeline.choice.streaming import log_sums_of_part, log_sums_over_part, sketch_seconds, sketch_slabs, slab_of_part
 from pipeline.errors import StageError
-from pipeline.formats.parquet.foreign_keys import check_references
-from pipeline.formats.parquet.partitions import (
-    PARTITIONS,
-    Piece,
-    Scaled,
-    SetRows,
-    batches,
-    contents,
-    cut,
-    gathered,
-    read_pieces,
-)
-from pipeline.formats.parquet.tables import GROUPS, read_table, table_writer, write_table
+from pipeline.formats.parquet.checked.conformance import GROUPS
+from pipeline.formats.parquet.checked.open_table import Piece
+from pipeline.formats.parquet.partitions import PARTITIONS, Scaled, SetRows, batches, cut, gathered
+from pipeline.formats.parquet.tables import table_writer, write_table
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.stages.registry import parameters
 from pipeline.workspace.compute.executor import Workers, workers
 from pipeline.workspace.compute.streamed_alternatives import StreamedSet
@@ -74,18 +66,21 @@ def run(project: Project, name: str) -> None:
     """Write scales.parquet and densities.parquet of the task `name`."""
     project.params.task(name)
     partition = project.params.compute.partition
-    with recorded_run(project, "density", name) as record, workers(project) as pool:
-        sources = [project.table(name, "features"), project.table(name, "feature_units")]
-        check_references({"features": sources[0], "feature_units": sources[1]})
-        sets = contents(sources[0], "features").sets
-        units = read_table(sources[1], "feature_units")
+    with (
+        recorded_run(project, "density", name) as record,
+        TaskTables(project.tables(name, ("features", "feature_units"))) as tables,
+        workers(project) as pool,
+    ):
+        tables.check()
+        sets, units = tables.contents("features").sets, tables["feature_units"].read()
         names, method = tuple(units["feature"]), project.params.features.scale
-        scale = _spread(pool, sources[0], names, sets).scale(method, names)
+        unscaled = Scaled(tables.for_jobs("features"), names, np.ones(len(names)))
+        scale = _spread(pool, unscaled, sets).scale(method, names)
         used = pl.lit(method if isinstance(method, str) else "given")
         scales = units.select("feature", "unit", method=used, scale=pl.Series(scale))
-        stated = provenance(project, parameters("density", name), sources)
+        stated = provenance(project, parameters("density", name), tables.values())
         write_table(project.table(name, "scales"), "scales", scales, stated)
-        features, bandwidth = Scaled(sources[0], names, scale), project.params.density.bandwidth
+        features, bandwidth = replace(unscaled, scale=scale), project.params.density.bandwidth
         with (
             table_writer(project.table(name, "densities"), "densities", stated) as writer,
             gathered(writer, partition) as table,
@@ -97,15 +92,14 @@ def run(project: Project, name: str) -> None:
                             table.add(rows)
                 else:
                     jobs = [(features, batch, bandwidth) for batch in batches(list(some), 4 * pool.cores(), partition)]
-                    for tables in pool.mapped(set_densities, jobs, f"density {name}"):
-                        for rows in tables:  # one by one, as the batches depend on the number of cores
+                    for some_rows in pool.mapped(set_densities, jobs, f"density {name}"):
+                        for rows in some_rows:  # one by one, as the batches depend on the number of cores
                             table.add(rows)
         record.produced = f"{len(sets)} sets, {table.rows:,} log densities"
 
 
-def _spread(pool: Workers, path: Path, names: tuple[str, ...], sets: Sequence[SetRows]) -> Spread:
+def _spread(pool: Workers, unscaled: Scaled, sets: Sequence[SetRows]) -> Spread:
     pieces = sorted((piece for one in sets for piece in one.pieces), key=lambda piece: (piece.part, piece.first))
-    unscaled = Scaled(path, names, np.ones(len(names)))
     jobs = [(unscaled, tuple(part)) for _, part in groupby(pieces, lambda piece: piece.part)]
     return pool.merged(spread_of, jobs, Spread.__add__, "spread of the features")
 
@@ -119,21 +113,21 @@ def spread_of(job: tuple[Scaled, Sequence[Piece]]) -> Spread:
 def set_densities(job: tuple[Scaled, Sequence[SetRows], str | float]) -> list[pl.DataFrame]:
     """Rows of densities.parquet for each of some whole sets."""
     features, sets, bandwidth = job
-    pieces = [piece for one in sets for piece in one.pieces]
-    rows = read_pieces(features.path, "features", pieces, [*GROUPS, "id", *features.names])
-    tables, first = [], 0
+    tables = []
     for one in sets:
-        own = rows.slice(first, one.rows)
-        first += one.rows
-        phi = own.select(features.names).to_numpy() / features.scale
+        phi = features.read(one.pieces)
         sigma = select_bandwidth(phi, bandwidth)
         engine = choose_engine(phi, sigma.value).engine
-        tables.append(_rows(own, sigma, log_density(phi, sigma.value, engine=engine), engine))
+        log_sums = log_density(phi, sigma.value, engine=engine)
+        tables.append(_rows(features, one.pieces, sigma, log_sums, engine))
     return tables
 
 
-def _rows(rows: pl.DataFrame, sigma: Bandwidth, log_sums: FloatArray, engine: str) -> pl.DataFrame:
-    return rows.select(
+def _rows(
+    features: Scaled, pieces: Sequence[Piece], sigma: Bandwidth, log_sums: FloatArray, engine: str
+) -> pl.DataFrame:
+    """Rows of densities.parquet for rows of features.parquet."""
+    return pl.concat(features.file.table().pieces(pieces, [*GROUPS, "id"])).select(
         *GROUPS,
         alternative_id="id",
         bandwidth=pl.lit(sigma.value),
@@ -162,8 +156,8 @@ def _streamed(
         engine = choose_engine(phi, sigma.value).engine
         log_sums = log_density(phi, sigma.value, engine=engine)
         for first, count in cut(one.rows, partition):
-            rows = read_pieces(features.path, "features", one.between(first, first + count), [*GROUPS, "id"])
-            yield _rows(rows, sigma, log_sums[first : first + count], engine)
+            pieces = one.between(first, first + count)
+            yield _rows(features, pieces, sigma, log_sums[first : first + count], engine)
         return
     cores = pool.cores()
     if seconds > LONGEST_S * cores:
@@ -183,8 +177,7 @@ def _streamed(
             totals.append(sketch.total)
         jobs = [Sketched(features, rows, sigma.value, slabs, tuple(totals), files, parts) for rows in parts]
         for part, log_sums in zip(parts, pool.mapped(log_sums_of, jobs, f"{what}: kernel sums"), strict=True):
-            known = read_pieces(features.path, "features", part, [*GROUPS, "id"])
-            table = _rows(known, sigma, log_sums, "spectral")
+            table = _rows(features, part, sigma, log_sums, "spectral")
             yield from (table.slice(first, count) for first, count in cut(table.height, partition))
 
 

@@ -6,14 +6,16 @@ import json
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from pipeline.formats.parquet.foreign_keys import check_references
-from pipeline.formats.parquet.partitions import Piece, cut, read_pieces
-from pipeline.formats.parquet.tables import part_rows, read_table, table_writer, write_table
+from pipeline.formats.parquet.checked.conformance import GROUPS
+from pipeline.formats.parquet.checked.open_table import Piece
+from pipeline.formats.parquet.partitions import cut
+from pipeline.formats.parquet.table_file import TableFile
+from pipeline.formats.parquet.tables import table_writer, write_table
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.registry import parameters
@@ -22,7 +24,6 @@ from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import SceneFile, load_task_scene, loaded, scene_file
 
-ALTERNATIVE_COLUMNS = ("anchor", "set_size", "set_id")
 BLOCK = 2000  # trajectories whose waypoints are in double precision at once
 
 
@@ -33,36 +34,41 @@ class Replayed:
     Attributes:
         scene: where they are replayed.
         features: JSON of the task's features.
-        path: of the table.
+        table: of the alternatives.
         piece: the rows.
     """
 
     scene: SceneFile
     features: str
-    path: Path
+    table: TableFile
     piece: Piece
 
 
 def run(project: Project, name: str) -> None:
     """Write features.parquet and feature_units.parquet of the task `name`."""
     task = project.params.task(name)
-    with recorded_run(project, "featurize", name) as record, workers(project) as pool:
+    with (
+        recorded_run(project, "featurize", name) as record,
+        TaskTables(project.tables(name, ("demonstrations", "alternatives"))) as tables,
+        workers(project) as pool,
+    ):
         scene = load_task_scene(project, task)
         features = bind_features(scene, task.features)
-        sources = [project.table(name, "demonstrations"), project.table(name, "alternatives")]
-        check_references({"demonstrations": sources[0], "alternatives": sources[1]})
-        demonstrations = read_table(sources[0], "demonstrations")
+        tables.check()
+        demonstrations, alternatives = tables["demonstrations"].read(), tables["alternatives"]
         stated = provenance(
-            project, parameters("featurize", name), [*sources, *scene_files(scene.path)], model=model_hash(scene)
+            project,
+            parameters("featurize", name),
+            [*tables.values(), *scene_files(scene.path)],
+            model=model_hash(scene),
         )
         file, specs = scene_file(scene), json.dumps({key: dict(spec) for key, spec in task.features.items()})
-        parts = part_rows(sources[1], "alternatives")
-        portions = -(-pool.cores() // len(parts))  # fewer parts than cores are cut
+        portions = -(-pool.cores() // len(alternatives.parts))  # fewer parts than cores are cut
         pieces = [
             [Piece(part, first, count) for first, count in cut(rows, -(-rows // portions))]
-            for part, rows in enumerate(parts)
+            for part, rows in enumerate(alternatives.parts)
         ]
-        jobs = [Replayed(file, specs, sources[1], piece) for part in pieces for piece in part]
+        jobs = [Replayed(file, specs, tables.for_jobs("alternatives"), piece) for part in pieces for piece in part]
         done = pool.mapped(replay_piece, jobs, f"featurize {name}")
         before = [_rows(features, demonstrations, "demonstration")]
         with table_writer(project.table(name, "features"), "features", stated) as writer:
@@ -72,16 +78,14 @@ def run(project: Project, name: str) -> None:
         kinds = [str(task.features[feature]["kind"]) for feature in features.names]
         units = pl.DataFrame({"feature": features.names, "kind": kinds, "unit": features.units})
         write_table(project.table(name, "feature_units"), "feature_units", units, stated)
-        count = demonstrations.height + sum(parts)
+        count = demonstrations.height + alternatives.rows
         record.produced = f"{count:,} trajectories x {len(features.names)} features"
 
 
 def replay_piece(job: Replayed) -> pl.DataFrame:
     """Rows of features.parquet."""
-    columns = ["alternative_id", *ALTERNATIVE_COLUMNS, "waypoints"]
-    return _rows(
-        _features(job.scene, job.features), read_pieces(job.path, "alternatives", [job.piece], columns), "alternative"
-    )
+    (rows,) = job.table.table().pieces([job.piece], ["alternative_id", *GROUPS, "waypoints"])
+    return _rows(_features(job.scene, job.features), rows, "alternative")
 
 
 @lru_cache(maxsize=4)
@@ -91,7 +95,7 @@ def _features(scene: SceneFile, features: str) -> FeatureSet:
 
 def _rows(features: FeatureSet, trajectories: pl.DataFrame, kind: str) -> pl.DataFrame:
     """Rows of features.parquet for trajectories of one kind."""
-    sets = [column for column in ALTERNATIVE_COLUMNS if column in trajectories.columns]
+    sets = [column for column in GROUPS if column in trajectories.columns]
     waypoints = trajectories["waypoints"].to_numpy()
     blocks = [waypoints[first : first + count] for first, count in cut(len(waypoints), BLOCK)]
     values = np.concatenate([features.evaluate(block.astype(np.float64)) for block in blocks])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import polars as pl
 
-from pipeline.formats.parquet.tables import read_table
+from pipeline.formats.parquet.checked.open_table import OpenTable
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.studies.robustness.samplings import COMPARED
 from pipeline.views.figures.folder import write_figures
 from pipeline.views.figures.held_out import held_out_figure
@@ -22,9 +21,9 @@ from pipeline.views.figures.style import Figure
 from pipeline.views.figures.task import densities_figure, map_figure, posterior_figure
 from pipeline.views.headline import task_headline
 from pipeline.views.intervals import compare_models, differences
-from pipeline.views.robustness import accuracy, entropies, example, middle_size
-from pipeline.views.task_view import task_view
-from pipeline.vocabulary import KNOWN_DENSITY, WORKING
+from pipeline.views.robustness import Example, accuracy, entropies, example, middle_size
+from pipeline.views.task_view import INPUTS, task_view
+from pipeline.vocabulary import ALL, KNOWN_DENSITY, WORKING
 from pipeline.workspace.project import Project, recorded_run
 
 ROBUSTNESS = (
@@ -36,41 +35,47 @@ ROBUSTNESS = (
 def run(project: Project, name: str) -> None:
     """Write the figures and metrics.json of the task `name`."""
     project.params.task(name)
-    with recorded_run(project, "figures", name) as record:
-        view = task_view(project, name)
+    with (
+        recorded_run(project, "figures", name) as record,
+        TaskTables(project.tables(name, INPUTS)) as inputs,
+        TaskTables(project.tables(name, ("held_out", "rejected", *ROBUSTNESS))) as results,
+    ):
+        view = task_view(inputs)
         final = {model: steps[-1].marginal_theta for model, steps in view.beliefs.items()}
         figures = {
             "densities": densities_figure(view.curves),
             "density_map": map_figure(view.map),
             "posterior": posterior_figure(final, view.labels, view.meaning),
         }
-        held_out = read_table(project.table(name, "held_out"), "held_out").filter(set_id=WORKING)
+        held_out = results["held_out"].read(where=pl.col("set_id") == WORKING)
         if held_out.height:
             figures["held_out"] = held_out_figure(held_out, compare_models(held_out), differences(held_out))
-        tables: dict[str, pl.DataFrame] = {}
+        summary = None
         if project.table(name, ROBUSTNESS[0]).exists():
-            tables = {table: read_table(project.table(name, table), table) for table in ROBUSTNESS}
-            figures |= _robustness(tables, view.labels, view.meaning)
+            figures |= _robustness(results, view.labels, view.meaning)
+            summary = results["robustness_summary"].read()
         else:
             record.notes.append(f"no robustness study yet, so none of its figures: lessbench study robustness {name}")
-        recordings = view.demonstrations.height, read_table(project.table(name, "rejected"), "rejected").height
+        recordings = view.demonstrations.height, results["rejected"].read().height
         beliefs = {model: steps[-1] for model, steps in view.beliefs.items()}
-        numbers = task_headline(beliefs, view.labels, held_out, tables.get("robustness_summary"), recordings)
+        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings)
         write_figures(project, name, figures, numbers)
         record.produced = f"{len(figures)} figures"
 
 
-def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:
-    truth = accuracy(tables["robustness"])
-    shown = example(tables["robustness_posteriors"])
-    size = middle_size(tables["sensitivity"])
-    summary, sets = tables["robustness_summary"], tables["robustness_sets"]
+def _robustness(tables: TaskTables, labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:
+    truth = accuracy(tables["robustness"].read())
+    shown = _example(tables["robustness_posteriors"])
+    sensitivity = tables["sensitivity"].read()
+    size = middle_size(sensitivity)
+    summary, sets = tables["robustness_summary"].read(), tables["robustness_sets"].read()
     figures = {
         "robustness": kl_figure(summary),
         "two_posteriors": two_posteriors_figure(shown.posteriors, shown.set_ids, labels, meaning),
-        "duplicates": duplicates_figure(tables["duplicates_summary"]),
+        "duplicates": duplicates_figure(tables["duplicates_summary"].read()),
         "sensitivity": sensitivity_figure(
-            tables["sensitivity_summary"].filter(set_size=size), entropies(tables["sensitivity"].filter(set_size=size))
+            tables["sensitivity_summary"].read(where=pl.col("set_size") == size),
+            entropies(sensitivity.filter(set_size=size)),
         ),
     }
     if KNOWN_DENSITY in summary["regime"]:
@@ -79,3 +84,10 @@ def _robustness(tables: Mapping[str, pl.DataFrame], labels: tuple[str, ...], mea
     if truth.height:
         figures["accuracy"] = accuracy_figure(truth, len(labels))
     return figures
+
+
+def _example(posteriors: OpenTable) -> Example:
+    """The example of a table that may be large: only the rows that it shows are read in full."""
+    size = middle_size(posteriors.read(["set_size"]))
+    first = posteriors.part(0, ["demonstration_id"]).filter(pl.col("demonstration_id") != ALL).item(0, 0)
+    return example(posteriors.read(where=(pl.col("set_size") == size) & (pl.col("demonstration_id") == first)))

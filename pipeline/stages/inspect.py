@@ -9,7 +9,9 @@ import polars as pl
 
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.choice import entropy
+from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import read_table
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Task
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
@@ -18,7 +20,7 @@ from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.recording import write_inspection
 from pipeline.views.rerun.records import AlternativeSet, FeatureSpace, Inspection, Replay
 from pipeline.views.task_summary import replay_samples
-from pipeline.views.task_view import TaskView, read_waypoints, task_view
+from pipeline.views.task_view import INPUTS, TaskView, read_waypoints, task_view
 from pipeline.vocabulary import BOLTZMANN, INDEPENDENT, LESS, SAMPLER_SHIFT, SINGLE, TASK_ANCHOR, WORKING
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.scenes import load_task_scene
@@ -45,7 +47,9 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
     Raises:
         TableError: a table is missing or not what it should be.
     """
-    view = task_view(project, name)
+    with TaskTables(project.tables(name, INPUTS)) as tables:
+        view = task_view(tables)
+        alternatives = _alternatives(project, name, scene, view, tables["alternatives"])
     tip = scene.end_effector
     paths = view.demonstrations["waypoints"].to_numpy()
     return Inspection(
@@ -53,7 +57,7 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
         replay=_replay(scene, paths, view.demonstrations["duration_s"].to_numpy()),
         demonstration_ids=tuple(view.demonstrations["demonstration_id"]),
         demonstration_paths=body_positions(scene, paths, [tip])[tip],
-        alternatives=_alternatives(project, name, scene, view),
+        alternatives=alternatives,
         curves=view.curves,
         map=view.map,
         space=_space(project, name, view),
@@ -65,16 +69,16 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
     )
 
 
-def _alternatives(project: Project, name: str, scene: Scene, view: TaskView) -> tuple[AlternativeSet, ...]:
+def _alternatives(
+    project: Project, name: str, scene: Scene, view: TaskView, table: OpenTable
+) -> tuple[AlternativeSet, ...]:
     """The working set, which is shown, and the independent sets, which wait to be selected; of each a seeded share."""
     working = view.alternatives.with_columns(log_weight=pl.Series(view.log_weights))
     drawn = []
     for rows in (working, *view.independent.partition_by("set_size", "set_id", maintain_order=True)):
         size, set_id = rows.select("set_size", "set_id").row(0)
         drawn.append(rows[_some(project, rows.height, PATHS, name, int(size), str(set_id))])
-    waypoints = read_waypoints(
-        project.table(name, "alternatives"), pl.concat([rows["alternative_id"] for rows in drawn])
-    )
+    waypoints = read_waypoints(table, pl.concat([rows["alternative_id"] for rows in drawn]))
     paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
     found, ends = [], np.cumsum([rows.height for rows in drawn])
     for rows, mine in zip(drawn, np.split(paths, ends[:-1]), strict=True):

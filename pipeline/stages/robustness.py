@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -12,13 +11,14 @@ import polars as pl
 from pipeline.arrays import FloatArray
 from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
-from pipeline.formats.parquet.foreign_keys import check_references
-from pipeline.formats.parquet.tables import read_table, write_table
+from pipeline.formats.parquet.tables import table_writer
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.infer import hypotheses
 from pipeline.stages.registry import parameters
+from pipeline.studies.posteriors import PART_ROWS
 from pipeline.studies.robustness.divergence import true_direction
 from pipeline.studies.robustness.duplicates import inject_duplicates
 from pipeline.studies.robustness.problem import ChoiceSets, Demonstrations, Problem
@@ -34,18 +34,20 @@ from pipeline.workspace.scenes import load_task_scene
 
 INPUTS = ("demonstrations", "features", "scales", "shifted_alternatives")
 SCALES = ("range", "std", "none")
+POSTERIORS = "robustness_posteriors"  # has many rows where there are many hypotheses, in the order of its key
 
 
 def run(project: Project, name: str) -> None:
     """Write the tables of the robustness study of the task `name`."""
     task = project.params.task(name)
-    with recorded_run(project, "robustness", name) as record:
-        sources = {table: project.table(name, table) for table in INPUTS}
-        check_references(sources)
+    with recorded_run(project, "robustness", name) as record, TaskTables(project.tables(name, INPUTS)) as sources:
+        sources.check(whole=["demonstrations"])  # of which only some columns are used
         scene = load_task_scene(project, task)
-        order = read_table(sources["scales"], "scales")["feature"].to_list()
+        order = sources["scales"].read()["feature"].to_list()
         if set(order) != set(task.features):
-            raise StageError(f"{sources['scales']}: has features other than tasks.{name}.features; run `dvc repro`")
+            raise StageError(
+                f"{sources['scales'].path}: has features other than tasks.{name}.features; run `dvc repro`"
+            )
         features = bind_features(scene, {feature: task.features[feature] for feature in order})
         tables = _tables(project, name, task, features, sources, record)
         stated = provenance(
@@ -55,22 +57,23 @@ def run(project: Project, name: str) -> None:
             model=model_hash(scene),
         )
         for table, rows in tables.items():
-            write_table(project.table(name, table), table, rows, stated)
+            with table_writer(project.table(name, table), table, stated) as writer:
+                for part in rows.iter_slices(PART_ROWS) if table == POSTERIORS else [rows]:
+                    writer.write(part)
 
 
 def _tables(
-    project: Project, name: str, task: Task, features: FeatureSet, sources: dict[str, Path], record: Run
+    project: Project, name: str, task: Task, features: FeatureSet, sources: TaskTables, record: Run
 ) -> dict[str, pl.DataFrame]:
     settings, bandwidth = project.params.robustness, project.params.density.bandwidth
-    own = read_table(sources["features"], "features")
-    alternatives = own.filter((pl.col("kind") == "alternative") & (pl.col("set_id") != WORKING)).rename(
-        {"id": "alternative_id"}
-    )
-    shifted = _featurized(read_table(sources["shifted_alternatives"], "shifted_alternatives"), features)
+    is_alternative = pl.col("kind") == "alternative"
+    own = sources["features"].read(where=~is_alternative | (pl.col("set_id") != WORKING))
+    alternatives = own.filter(is_alternative).rename({"id": "alternative_id"})
+    shifted = _featurized(sources["shifted_alternatives"].read(), features)
     _require_sets(alternatives, settings.duplicates.set_size)
-    scales = read_table(sources["scales"], "scales")
+    scales = sources["scales"].read()
     scale = scales["scale"].to_numpy()
-    people = read_table(sources["demonstrations"], "demonstrations", ["demonstration_id", "participant", "true_theta"])
+    people = sources["demonstrations"].read(["demonstration_id", "participant", "true_theta"])
     problem = Problem(
         _demonstrations(people, own, features.names, scale),
         {
@@ -84,7 +87,7 @@ def _tables(
         partial(tracked, what=f"robustness {name}: {part}") for part in ("posteriors", "other choices", "copies")
     ]
     result = compare_samplings(problem, bandwidth, watched[0])
-    pool = own.filter(kind="alternative").select(features.names).to_numpy()
+    pool = sources["features"].read(features.names, where=is_alternative).to_numpy()
     used = scales["method"][0]
     ratios = {method: scale / feature_scale(pool, method, features.names) for method in SCALES if method != used}
     sensitivity = vary_choices(problem, result, bandwidth, settings.bandwidth_factors, ratios, used, watched[1])
@@ -100,7 +103,7 @@ def _tables(
     return {
         "shifted_features": shifted.drop("log_proposal"),
         "robustness": result.robustness,
-        "robustness_posteriors": result.posteriors,
+        POSTERIORS: result.posteriors,
         "robustness_sets": result.sets,
         "robustness_summary": summarise(result.robustness, ["regime", "model", "set_size"], "kl_aggregate"),
         **_statistics(result, record),

@@ -12,8 +12,9 @@ import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.errors import StageError
+from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.partitions import cut, gathered
-from pipeline.formats.parquet.tables import read_table, table_writer, write_table
+from pipeline.formats.parquet.tables import read_column, table_writer, write_table
 from pipeline.params import Sample
 from pipeline.replay.planning import SEARCH, Planning, Room
 from pipeline.replay.scene import Scene, model_hash, scene_files
@@ -67,9 +68,9 @@ def run(project: Project, name: str) -> None:
     with recorded_run(project, "sample", name) as record:
         scene = load_task_scene(project, task)
         planning = Planning(scene, task, project.params.ingest.waypoints)
-        source = project.table(name, "demonstrations")
-        anchors = sampling_anchors(planning, read_table(source, "demonstrations"))
-        inputs = [*scene_files(scene.path), source]
+        with OpenTable(project.table(name, "demonstrations"), "demonstrations") as source:
+            anchors = sampling_anchors(planning, source.read())
+        inputs: list[Path | OpenTable] = [*scene_files(scene.path), source]
         if settings.given is not None:
             inputs.append(project.path(settings.given))
         stated = provenance(project, parameters("sample", name), inputs, model=model_hash(scene))
@@ -154,12 +155,10 @@ def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> FloatArray
     Raises:
         StageError: the file is missing, is no Parquet, or its trajectories have another shape or are not finite.
     """
+    rows = read_column(path, "waypoints", "sample.given")
     try:
-        column = pl.read_parquet(path, columns=["waypoints"])["waypoints"]
-        flat = np.array([np.asarray(row, dtype=np.float64).ravel() for row in column.to_list()])
-    except FileNotFoundError:
-        raise StageError(f"{path}: there is no such file; sample.given names it") from None
-    except (pl.exceptions.PolarsError, ValueError) as error:
+        flat = np.array([np.asarray(row, dtype=np.float64).ravel() for row in rows])
+    except (TypeError, ValueError) as error:
         raise StageError(f"{path}: has no column `waypoints` of equal lists ({' '.join(str(error).split())})") from None
     if flat.ndim != 2 or flat.shape[1] != n_waypoints * len(scene.joints) or not np.isfinite(flat).all():
         raise StageError(

@@ -9,7 +9,8 @@ import numpy as np
 import polars as pl
 
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.formats.parquet.tables import read_table, write_table
+from pipeline.formats.parquet.checked.open_table import OpenTable
+from pipeline.formats.parquet.tables import write_table
 from pipeline.params import Sample, ShiftedSampler
 from pipeline.replay.planning import Planning
 from pipeline.replay.scene import model_hash, scene_files
@@ -31,8 +32,8 @@ def run(project: Project, name: str) -> None:
     with recorded_run(project, "shift", name) as record:
         scene = load_task_scene(project, task)
         planning = Planning(scene, task, project.params.ingest.waypoints)
-        source = project.table(name, "demonstrations")
-        anchors = sampling_anchors(planning, read_table(source, "demonstrations"))
+        with OpenTable(project.table(name, "demonstrations"), "demonstrations") as source:
+            anchors = sampling_anchors(planning, source.read())
         rows, shares = [], []
         for label, anchor in tracked(list(anchors.items()), f"shift {name}"):
             # planned anew from every anchor: what is clear of the surface from one may not be from another

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.choice import Posterior, posterior_from
-from pipeline.formats.parquet.foreign_keys import check_references
-from pipeline.formats.parquet.tables import part_rows, read_part, read_table
+from pipeline.formats.parquet.checked.open_table import OpenTable
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.views.task_summary import (
     DensityCurve,
     DensityMap,
@@ -22,7 +20,6 @@ from pipeline.views.task_summary import (
     theta_meaning,
 )
 from pipeline.vocabulary import WORKING
-from pipeline.workspace.project import Project
 
 ALTERNATIVE = ["alternative_id", "anchor", "sampler", "set_size", "set_id"]
 
@@ -69,18 +66,18 @@ class TaskView:
 INPUTS = ("demonstrations", "alternatives", "features", "densities", "scales", "posteriors")
 
 
-def task_view(project: Project, name: str) -> TaskView:
-    """Read the tables of the task `name`.
+def task_view(tables: TaskTables) -> TaskView:
+    """What the tables of a task say, those of INPUTS, which are checked here.
 
     Raises:
         TableError: a table is missing or not what it should be.
     """
-    check_references({table: project.table(name, table) for table in INPUTS})
-    demonstrations = read_table(project.table(name, "demonstrations"), "demonstrations")
-    beliefs = _beliefs(project, name, tuple(demonstrations["demonstration_id"]))
+    tables.check()
+    demonstrations = tables["demonstrations"].read()
+    beliefs = _beliefs(tables["posteriors"], tuple(demonstrations["demonstration_id"]))
     final = list(beliefs.values())[-1][-1]
     order = _by_weight(final)
-    space = _feature_space(project, name, demonstrations["demonstration_id"])
+    space = _feature_space(tables, demonstrations["demonstration_id"])
     return TaskView(
         demonstrations=demonstrations,
         alternatives=space.alternatives,
@@ -132,18 +129,14 @@ class _FeatureSpace:
         )
 
 
-def _feature_space(project: Project, name: str, demonstration_ids: pl.Series) -> _FeatureSpace:
-    alternatives, independent = _anchored_alike(
-        read_columns(project.table(name, "alternatives"), "alternatives", ALTERNATIVE)
-    )
-    densities = read_columns(
-        project.table(name, "densities"), "densities", ["alternative_id", "bandwidth", "log_density"]
-    )
+def _feature_space(tables: TaskTables, demonstration_ids: pl.Series) -> _FeatureSpace:
+    alternatives, independent = _anchored_alike(tables["alternatives"].read(ALTERNATIVE))
+    densities = tables["densities"].read(["alternative_id", "bandwidth", "log_density"])
     weighed = densities.select("alternative_id", "bandwidth", log_weight=-pl.col("log_density"))
     own = alternatives.select("alternative_id").join(weighed, on="alternative_id", maintain_order="left")
-    features = read_table(project.table(name, "features"), "features")
-    scales = read_table(project.table(name, "scales"), "scales")
+    scales = tables["scales"].read()
     names = scales["feature"].to_list()
+    features = tables["features"].read(["id", *names])
     return _FeatureSpace(
         alternatives=alternatives,
         independent=independent.join(weighed.drop("bandwidth"), on="alternative_id", maintain_order="left"),
@@ -157,28 +150,17 @@ def _feature_space(project: Project, name: str, demonstration_ids: pl.Series) ->
     )
 
 
-def _beliefs(project: Project, name: str, demonstration_ids: tuple[str, ...]) -> dict[str, list[Posterior]]:
-    posteriors = read_table(project.table(name, "posteriors"), "posteriors").filter(set_id=WORKING)
+def _beliefs(posteriors: OpenTable, demonstration_ids: tuple[str, ...]) -> dict[str, list[Posterior]]:
+    rows = posteriors.read(where=pl.col("set_id") == WORKING)
     return {
-        model: _sequence(posteriors.filter(model=model), demonstration_ids)
-        for model in posteriors["model"].unique(maintain_order=True)
+        model: _sequence(rows.filter(model=model), demonstration_ids)
+        for model in rows["model"].unique(maintain_order=True)
     }
 
 
-def read_columns(path: Path, name: str, columns: Sequence[str]) -> pl.DataFrame:
-    """Some columns of a table that may be larger than memory as a whole."""
-    return pl.concat([read_part(path, name, number, columns) for number in range(len(part_rows(path, name)))])
-
-
-def read_waypoints(path: Path, ids: pl.Series) -> FloatArray:
-    """(A, T, J) waypoints of some of the alternatives of a table, which is read part by part."""
-    columns = ["alternative_id", "waypoints"]
-    found = pl.concat(
-        [
-            read_part(path, "alternatives", number, columns).filter(pl.col("alternative_id").is_in(ids.implode()))
-            for number in range(len(part_rows(path, "alternatives")))
-        ]
-    )
+def read_waypoints(alternatives: OpenTable, ids: pl.Series) -> FloatArray:
+    """(A, T, J) waypoints of some of the alternatives."""
+    found = alternatives.read(["alternative_id", "waypoints"], where=pl.col("alternative_id").is_in(ids.implode()))
     rows = ids.to_frame("alternative_id").join(found, on="alternative_id", how="left", maintain_order="left")
     return rows["waypoints"].to_numpy().astype(np.float64)
 

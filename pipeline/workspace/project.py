@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -65,6 +65,10 @@ class Project:
     def scene_record(self, task: str) -> Path:
         """What the stage `scene` found in the scene of a task."""
         return self.datasets / task / "scene.json"
+
+    def tables(self, task: str, names: Iterable[str]) -> dict[str, Path]:
+        """The Parquet files of some tables of a task or of `studies`, by name."""
+        return {name: self.table(task, name) for name in names}
 
     def figures(self, task: str) -> Path:
         """The folder of the figures of a task or of `studies`."""

@@ -8,14 +8,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from pipeline import params
-from pipeline.formats.parquet.tables import read_provenance
+from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.workspace.project import Project
+from schemas import names
 
 INHERITED = ("seed", "mujoco", "model")
 
 
 def provenance(
-    project: Project, parameters: Sequence[str], inputs: Iterable[Path], *, model: str | None = None
+    project: Project, parameters: Sequence[str], inputs: Iterable[Path | OpenTable], *, model: str | None = None
 ) -> dict[str, object]:
     """What every table says about itself, beside its schema and version.
 
@@ -25,12 +26,12 @@ def provenance(
     Args:
         project: whose table it is.
         parameters: the dotted paths of all parameters that the table depends on, as the registry of stages declares them.
-        inputs: the files it was made from.
+        inputs: the files it was made from; a table that was opened need not be opened again.
         model: hash of the compiled scene (`pipeline.replay.model_hash`), if the stage used one.
     """
     inputs = list(inputs)
-    tables = [path for path in inputs if path.suffix == ".parquet" and path.is_relative_to(project.datasets)]
-    stated = [read_provenance(path) for path in tables]
+    paths = [one.path if isinstance(one, OpenTable) else one for one in inputs]
+    stated = [_stated(project, one) for one in inputs]
     inherited = {key: next((one[key] for one in stated if one.get(key) is not None), None) for key in INHERITED}
     own: dict[str, object] = {"seed": project.params.seed} if "seed" in parameters else {}
     if model is not None:
@@ -40,8 +41,18 @@ def provenance(
         **inherited,
         **own,
         "parameters": params.fingerprint(project.params, parameters),
-        "inputs": {project.shown(path): content_hash(path) for path in inputs},
+        "inputs": {project.shown(path): content_hash(path) for path in paths},
     }
+
+
+def _stated(project: Project, source: Path | OpenTable) -> dict[str, object]:
+    """What an input says about itself; only tables say anything."""
+    if isinstance(source, OpenTable):
+        return source.provenance
+    if source.stem in names() and source == project.table(source.parent.parent.name, source.stem):
+        with OpenTable(source, source.stem) as table:
+            return table.provenance
+    return {}
 
 
 def content_hash(path: Path) -> str:

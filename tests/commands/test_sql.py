@@ -18,6 +18,7 @@ from pipeline.commands import sql
 from pipeline.commands.sql import Format, answer_once, candidates, prompt
 from pipeline.errors import QueryError
 from pipeline.formats.duckdb.catalog import build_catalog
+from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import write_table
 
 COLUMNS = {"posteriors": {"theta": "weights", "beta": "strictness"}, "rejected": {"reason": "why"}}
@@ -33,7 +34,9 @@ def catalog(tmp_path: Path) -> Path:
         }
     )  # fmt: skip
     write_table(tmp_path / "posteriors.parquet", "posteriors", table, {})
-    build_catalog(tmp_path / "catalog.duckdb", {"posteriors": [("a", tmp_path / "posteriors.parquet")]})
+    build_catalog(
+        tmp_path / "catalog.duckdb", {"posteriors": [("a", OpenTable(tmp_path / "posteriors.parquet", "posteriors"))]}
+    )
     return tmp_path / "catalog.duckdb"
 
 

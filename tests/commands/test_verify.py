@@ -10,9 +10,10 @@ import polars as pl
 import pytest
 
 from pipeline.commands.verify import verify
-from pipeline.formats.parquet.tables import read_provenance, read_table, write_table
+from pipeline.formats.parquet.tables import read_table, write_table
 from pipeline.stages import density, featurize, human_choice, infer, ingest, sample
 from pipeline.workspace.project import Project
+from tests.support.tables import provenance_of
 
 Make = Callable[[dict[str, Any]], Project]
 
@@ -32,7 +33,7 @@ def drift(project: Project, count: int = 30) -> list[str]:
 def tamper(project: Project, name: str, change: Callable[[pl.DataFrame], pl.DataFrame]) -> None:
     """Change rows of a table and keep what it says of itself."""
     path = project.table("sweep", name)
-    write_table(path, name, change(read_table(path, name)), read_provenance(path))
+    write_table(path, name, change(read_table(path, name)), provenance_of(path))
 
 
 def test_nothing_has_drifted(made: Project) -> None:

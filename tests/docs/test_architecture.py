@@ -10,9 +10,9 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from pipeline.formats.parquet.tables import read_provenance
 from tests.support.kills import Undisturbed
 from tests.support.small_project import ROOT, TASK, run
+from tests.support.tables import provenance_of
 
 PAGE = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
 SCHEMA = """\
@@ -127,7 +127,7 @@ def test_a_stage_with_its_table_is_added_by_touching_the_files_that_are_named(
     assert [line for line in said.splitlines() if line.startswith("Running")] == [f"Running stage 'lengths@{TASK}':"]
     table = root / "datasets" / TASK / "tables" / "lengths.parquet"
     assert pl.read_parquet(table)["length_rad"].min() > 0.5  # type: ignore[operator]
-    assert list(read_provenance(table)["inputs"]) == [f"datasets/{TASK}/tables/demonstrations.parquet"]  # type: ignore[call-overload]
+    assert list(provenance_of(table)["inputs"]) == [f"datasets/{TASK}/tables/demonstrations.parquet"]  # type: ignore[call-overload]
     assert f"{TASK}: 24 tables as they were made" in run(root, "lessbench", "verify", TASK, "--sample", "1").stdout
     run(root, "dvc", "repro", "catalog")
     answer = run(root, "lessbench", "sql", "select count(*) from lengths", "--format", "csv").stdout

@@ -15,10 +15,11 @@ from ruamel.yaml import YAML
 
 from pipeline.errors import StageError
 from pipeline.formats.duckdb.catalog import ask
-from pipeline.formats.parquet.tables import read_provenance, read_table
+from pipeline.formats.parquet.tables import read_table
 from pipeline.replay import load_scene, model_hash
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample, simulate
 from pipeline.workspace.project import Project, recorded_runs
+from tests.support.tables import provenance_of
 
 Make = Callable[[dict[str, Any]], Project]
 CHAIN = (ingest, sample, featurize, density, infer)
@@ -154,7 +155,7 @@ def test_simulated_participants_are_recordings_like_any_other(make_project: Make
 def test_provenance_names_the_inputs_by_content(make_project: Make, parameters: dict[str, Any]) -> None:
     project = make_project(parameters)
     run_chain(project)
-    stated = read_provenance(project.table("sweep", "features"))
+    stated = provenance_of(project.table("sweep", "features"))
     assert set(stated["inputs"]) == {  # type: ignore[call-overload]
         "datasets/sweep/tables/demonstrations.parquet", "datasets/sweep/tables/alternatives.parquet", "gantry.xml"
     }  # fmt: skip
@@ -169,7 +170,7 @@ def test_provenance_names_the_inputs_by_content(make_project: Make, parameters: 
         "posteriors",
         "held_out",
     ):
-        about = read_provenance(project.table("sweep", name))
+        about = provenance_of(project.table("sweep", name))
         assert about["program"] == f"lessbench {version('lessbench')}"
         assert (about["mujoco"], about["model"]) == (version("mujoco"), model_hash(scene))
         # no random number has gone into recordings of people; whatever comes of the alternatives inherits theirs
@@ -178,7 +179,7 @@ def test_provenance_names_the_inputs_by_content(make_project: Make, parameters: 
     parameters["infer"]["betas"] = [1]
     changed = make_project(parameters)
     featurize.run(changed, "sweep")
-    assert read_provenance(changed.table("sweep", "features")) == stated
+    assert provenance_of(changed.table("sweep", "features")) == stated
 
 
 @pytest.mark.parametrize("scale", ["std", "none", {"effort": 2.0, "vase": 3.0}])

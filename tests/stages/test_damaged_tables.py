@@ -15,7 +15,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from pipeline.errors import TableError, WorkbenchError
-from pipeline.formats.parquet.tables import SCHEMA_KEY
+from pipeline.formats.parquet.checked.conformance import SCHEMA_KEY
 from pipeline.stages import catalog, density, featurize, figures, infer, ingest, inspect, robustness, sample, shift
 from pipeline.workspace.project import Project
 from schemas import schema

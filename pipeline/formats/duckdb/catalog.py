@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from pipeline.errors import QueryError
 from pipeline.formats.duckdb import query_process
 from pipeline.formats.duckdb.views import FILES, INPUTS, PROVENANCE_TABLES, VIEWS, View
 from pipeline.formats.files.atomic import cannot_write, path_written_whole
+from pipeline.formats.parquet.checked.open_table import OpenTable
 from schemas import Column, TableSchema, schema
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 TIME_LIMIT_S = 60.0
+MEMORY_LIMIT = "512MB"  # of the database while the catalog is made
 TASK = "name of the task"
 CONTENTS = """select table_name as name, 'table' as kind, comment as "what it holds" from duckdb_tables()
     union all select view_name, 'view', comment from duckdb_views() where not internal order by kind desc, name"""
@@ -45,14 +48,15 @@ class SourceFile:
 
 
 def build_catalog(
-    path: Path, tables: Mapping[str, Sequence[tuple[str | None, Path]]], sources: Sequence[SourceFile] = ()
+    path: Path, tables: Mapping[str, Sequence[tuple[str | None, OpenTable]]], sources: Sequence[SourceFile] = ()
 ) -> dict[str, int]:
     """Write the catalog anew, whole or not at all.
 
     Args:
         path: the database file.
-        tables: per schema name, the Parquet files with the task each belongs to, if any. A table of a task without a
-            `task` column gets one; arrays become lists, since their lengths may differ between tasks.
+        tables: per schema name, the open tables with the task each belongs to, if any. A table of a task without a
+            `task` column gets one; arrays become lists, since their lengths may differ between tasks. Of a table, one
+            part is in memory at a time.
         sources: what is known of these files, for the tables `files` and `inputs`.
 
     Returns:
@@ -67,17 +71,28 @@ def build_catalog(
             raise cannot_write(path, OSError(None, " ".join(str(error).split()))) from None
         finally:
             partial.with_name(f"{partial.name}.wal").unlink(missing_ok=True)
+            shutil.rmtree(_scratch(partial), ignore_errors=True)
     return rows
 
 
+def _scratch(path: Path) -> Path:
+    """Where DuckDB puts what does not fit into its memory."""
+    return path.with_name(f"{path.name}.tmp")
+
+
 def _fill(
-    path: Path, tables: Mapping[str, Sequence[tuple[str | None, Path]]], sources: Sequence[SourceFile]
+    path: Path, tables: Mapping[str, Sequence[tuple[str | None, OpenTable]]], sources: Sequence[SourceFile]
 ) -> dict[str, int]:
     import duckdb
 
     rows = {}
-    # one thread: rows keep their order and sums their last digits
-    with duckdb.connect(path, config={"threads": 1, "autoinstall_known_extensions": False}) as con:
+    config: dict[str, str | bool | int | float | list[str]] = {
+        "threads": 1,  # rows keep their order and sums their last digits
+        "memory_limit": MEMORY_LIMIT,
+        "temp_directory": str(_scratch(path)),
+        "autoinstall_known_extensions": False,
+    }
+    with duckdb.connect(path, config=config) as con:
         for name, files in tables.items():
             rows[name] = _add_table(con, schema(name), files)
         _add_sources(con, sources)
@@ -121,33 +136,38 @@ def _frame(answer: pa.Table) -> pl.DataFrame:
         ) from None
 
 
-def _add_table(con: duckdb.DuckDBPyConnection, contract: TableSchema, files: Sequence[tuple[str | None, Path]]) -> int:
+def _add_table(
+    con: duckdb.DuckDBPyConnection, contract: TableSchema, tables: Sequence[tuple[str | None, OpenTable]]
+) -> int:
+    import pyarrow as pa
+
     names = [column.name for column in contract.columns]
-    for number, (task, file) in enumerate(files):
+    selections = []
+    for number, (task, table) in enumerate(tables):
+        con.register(f"part_{number}", table.arrow_schema.empty_table())
         task_column = "" if task is None or "task" in names else f"{_literal(task)} as task, "
-        selection = f"select {task_column}{_columns(con, file)} from read_parquet({_literal(str(file))})"
-        con.execute(f"create temp table part_{number} as {selection}")
-    union = " union all by name ".join(f"from part_{number}" for number in range(len(files)))
-    con.execute(f"create table {contract.name} as {union}")
-    for number in range(len(files)):
-        con.execute(f"drop table part_{number}")
+        selections.append(f"select {task_column}{_columns(con, f'part_{number}')} from part_{number}")
+    con.execute(f"create table {contract.name} as {' union all by name '.join(selections)}")
+    for number, ((_, table), selection) in enumerate(zip(tables, selections, strict=True)):
+        con.register(f"part_{number}", pa.RecordBatchReader.from_batches(table.arrow_schema, table.batches()))
+        con.execute(f"insert into {contract.name} by name {selection}")
+        con.unregister(f"part_{number}")
     con.execute(f"comment on table {contract.name} is {_literal(f'each row: {contract.row}')}")
     described = {column.name: _meaning(column) for column in contract.columns}
     for column in _column_names(con, contract.name):
         further = _meaning(contract.further) if contract.further else ""
         _comment(con, contract.name, column, described.get(column, TASK if column == "task" else further))
-    (rows,) = con.execute(f"select count(*) from {contract.name}").fetchone() or (0,)
-    return int(rows)
+    return sum(table.rows for _, table in tables)
 
 
-def _columns(con: duckdb.DuckDBPyConnection, file: Path) -> str:
+def _columns(con: duckdb.DuckDBPyConnection, relation: str) -> str:
     """The selection that turns arrays, whose lengths may differ between tasks, into lists."""
-    described = con.execute(f"describe select * from read_parquet({_literal(str(file))})").fetchall()
     parts = []
-    for name, type_, *_ in described:
+    for name, type_, *_ in con.execute(f"describe {relation}").fetchall():
+        quoted = '"' + name.replace('"', '""') + '"'
         bare = type_.split("[")[0]
         lists = bare + "[]" * type_.count("[")
-        parts.append(f'"{name}"::{lists} as "{name}"' if lists != bare else f'"{name}"')
+        parts.append(f"{quoted}::{lists} as {quoted}" if lists != bare else quoted)
     return ", ".join(parts)
 
 

@@ -5,25 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
-from pipeline.formats.parquet.tables import GROUPS, KeyRanges, TableWriter, part_rows, read_part
-from schemas import schema
+from pipeline.formats.parquet.checked.conformance import GROUPS
+from pipeline.formats.parquet.checked.open_table import Piece
+from pipeline.formats.parquet.table_file import TableFile
+from pipeline.formats.parquet.tables import TableWriter
 
 PARTITIONS = 10  # of alternatives whose features are read at once: their rows are far smaller than waypoints
-
-
-@dataclass(frozen=True)
-class Piece:
-    """Rows of one part: `count` of them from `first` on."""
-
-    part: int
-    first: int
-    count: int
 
 
 @dataclass(frozen=True)
@@ -74,34 +67,40 @@ class Contents:
     others: tuple[Piece, ...]
 
 
-def contents(path: Path, name: str) -> Contents:
-    """Where the rows of a table with sets of alternatives are; its keys are checked from part to part.
+class SetIndex:
+    """Finds the sets of a table while its parts go by, the first part first."""
 
-    Raises:
-        TableError: the table is missing, breaks its schema, or has a key in two parts.
-    """
-    contract = schema(name)
-    keys, pieces, others = KeyRanges(path, contract), dict[tuple[str, int, str], list[Piece]](), list[Piece]()
-    for number in range(len(part_rows(path, name))):
-        part = read_part(path, name, number, [*dict.fromkeys([*contract.key, *GROUPS])])
-        keys.add(part)
-        runs = (
-            part.lazy()
-            .select(*GROUPS, row=pl.int_range(pl.len()), run=pl.struct(GROUPS).rle_id())
-            .group_by("run", maintain_order=True)
-            .agg(*(pl.col(column).first() for column in GROUPS), first=pl.col("row").first(), count=pl.len())
-            .collect()
+    columns = GROUPS
+
+    def __init__(self) -> None:
+        self._pieces: dict[tuple[str, int, str], list[Piece]] = {}
+        self._others: list[Piece] = []
+
+    def add(self, number: int, part: pl.DataFrame) -> None:
+        """Take in the rows of a part."""
+        for (anchor, set_size, set_id), piece in runs(number, part, GROUPS):
+            where = self._others if set_id is None else self._pieces.setdefault((anchor, set_size, set_id), [])
+            where.append(piece)
+
+    @property
+    def contents(self) -> Contents:
+        """Where the rows of the parts are."""
+        return Contents(
+            tuple(SetRows(*key, tuple(pieces)) for key, pieces in self._pieces.items()), tuple(self._others)
         )
-        for _, anchor, set_size, set_id, first, count in runs.iter_rows():
-            piece = Piece(number, first, count)
-            (others if set_id is None else pieces.setdefault((anchor, set_size, set_id), [])).append(piece)
-    return Contents(tuple(SetRows(*key, tuple(found)) for key, found in pieces.items()), tuple(others))
 
 
-def read_pieces(path: Path, name: str, pieces: Sequence[Piece], columns: Sequence[str]) -> pl.DataFrame:
-    """The rows of the pieces, one after another; each part is read once."""
-    parts = {part: read_part(path, name, part, columns) for part in dict.fromkeys(piece.part for piece in pieces)}
-    return pl.concat([parts[piece.part].slice(piece.first, piece.count) for piece in pieces])
+def runs(number: int, part: pl.DataFrame, columns: Sequence[str]) -> Iterator[tuple[tuple[Any, ...], Piece]]:
+    """Rows of a part that follow each other with the same values in some columns: these values, and where the rows are."""
+    firsts = (
+        part.lazy()
+        .select(*columns, row=pl.int_range(pl.len()), run=pl.struct(columns).rle_id())
+        .group_by("run", maintain_order=True)
+        .agg(*(pl.col(column).first() for column in columns), first=pl.col("row").first(), count=pl.len())
+        .collect()
+    )
+    for _, *values, first, count in firsts.iter_rows():
+        yield tuple(values), Piece(number, first, count)
 
 
 class Gathered:
@@ -158,15 +157,15 @@ class Scaled:
     """Scaled features of a task's table.
 
     Attributes:
-        path: features.parquet.
+        file: features.parquet.
         names: of the features.
         scale: (F,) what they are divided by.
     """
 
-    path: Path
+    file: TableFile
     names: tuple[str, ...]
     scale: FloatArray
 
     def read(self, pieces: Sequence[Piece]) -> FloatArray:
-        """(M, F) of some rows."""
-        return np.asarray(read_pieces(self.path, "features", pieces, self.names).to_numpy() / self.scale)
+        """(M, F) of some rows, one part of the table after another."""
+        return np.asarray(self.file.table().numbers(pieces, self.names) / self.scale)

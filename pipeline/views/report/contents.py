@@ -31,7 +31,8 @@ SIZES = (
 from sampling group by task"
 )
 SPLIT = f"""select task, model, set_size, sets, answers from disagreement_between_sets
-    where participant = '{ALL}' and answers > 1 and set_size = (select max(set_size) from disagreement_between_sets)
+    where participant = '{ALL}' and answers > 1
+      and set_size = (select max(set_size) from disagreement_between_sets where participant = '{ALL}')
     order by all"""
 APART = f"""select task, model, other_model from disagreement_between_models
     where participant = '{ALL}' and set_id = '{WORKING}' and theta_id <> other_theta_id order by all"""

@@ -18,7 +18,8 @@ from pipeline.choice.streaming import (
     sketch_of_part,
 )
 from pipeline.errors import BandwidthError
-from pipeline.formats.parquet.partitions import Piece, Scaled
+from pipeline.formats.parquet.checked.open_table import Piece
+from pipeline.formats.parquet.partitions import Scaled
 from pipeline.workspace.compute.executor import Workers
 
 Rows = Sequence[Piece]

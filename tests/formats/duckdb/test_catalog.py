@@ -10,6 +10,7 @@ import pytest
 from pipeline.errors import QueryError
 from pipeline.formats.duckdb.catalog import CONTENTS, EXAMPLES, SourceFile, ask, build_catalog
 from pipeline.formats.duckdb.views import FILES, INPUTS, VIEWS
+from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import write_table
 from schemas import schema
 
@@ -29,7 +30,7 @@ def catalog(tmp_path: Path) -> Path:
     files = []
     for task, features in (("a", 3), ("b", 2)):
         write_table(tmp_path / f"{task}.parquet", "posteriors", posteriors(task, features), {})
-        files.append((task, tmp_path / f"{task}.parquet"))
+        files.append((task, OpenTable(tmp_path / f"{task}.parquet", "posteriors")))
     path = tmp_path / "it's" / "catalog.duckdb"
     assert build_catalog(path, {"posteriors": files}) == {"posteriors": 4}
     return path
@@ -166,7 +167,9 @@ def whole(tmp_path: Path) -> Path:
         made = {"program": "lessbench 9", "parameters": "ff", "seed": 7, "mujoco": "4", "inputs": inputs.get(name, {})}
         sources.append(SourceFile(f"t/{name}.parquet", name, "t", f"hash of {name}", made))
     build_catalog(
-        tmp_path / "catalog.duckdb", {name: [("t", tmp_path / f"{name}.parquet")] for name in tables}, sources
+        tmp_path / "catalog.duckdb",
+        {name: [("t", OpenTable(tmp_path / f"{name}.parquet", name))] for name in tables},
+        sources,
     )
     return tmp_path / "catalog.duckdb"
 

@@ -8,7 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from pipeline.errors import TableError
-from pipeline.formats.parquet.tables import part_rows, read_part, read_provenance, read_table, table_writer, write_table
+from pipeline.formats.parquet.checked.open_table import OpenTable
+from pipeline.formats.parquet.tables import read_table, table_writer, write_table
+from tests.support.tables import part_rows, provenance_of
 
 
 def part(first: int, count: int, set_id: str = "working", **features: float) -> pl.DataFrame:
@@ -34,13 +36,14 @@ def test_parts_are_row_groups_of_one_table(tmp_path: Path) -> None:
     path = tmp_path / "features.parquet"
     parts = [part(0, 7), part(7, 5), part(0, 3, "00")]
     written(path, *parts)
-    assert part_rows(path, "features") == (7, 5, 3)
+    assert part_rows(path) == (7, 5, 3)
     assert read_table(path, "features").equals(pl.concat(parts))
     assert pl.read_parquet(path).equals(pl.concat(parts))
     assert duckdb.sql(f"select count(*), sum(f) from '{path}'").fetchall() == [(15, 7.5)]
-    assert read_provenance(path) == {"seed": 3}
-    assert read_part(path, "features", 1).equals(parts[1])
-    assert read_part(path, "features", 2, ["f", "id"]).equals(parts[2].select("f", "id"))
+    assert provenance_of(path) == {"seed": 3}
+    with OpenTable(path, "features") as table:
+        assert table.part(1).equals(parts[1])
+        assert table.part(2, ["f", "id"]).equals(parts[2].select("f", "id"))
 
 
 def test_a_table_of_one_part_is_the_table_written_at_once(tmp_path: Path) -> None:
@@ -76,7 +79,7 @@ def test_sets_may_follow_each_other_in_any_order(tmp_path: Path) -> None:
     # in the order of their names, the ids of one set lie between those of another's parts
     path = tmp_path / "features.parquet"
     written(path, pl.concat([part(0, 2, "z"), part(0, 2, "a")]), pl.concat([part(0, 2, "m"), part(2, 2, "z")]))
-    assert part_rows(path, "features") == (4, 4)
+    assert part_rows(path) == (4, 4)
 
 
 def test_a_table_needs_a_part(tmp_path: Path) -> None:
@@ -88,13 +91,14 @@ def test_a_table_needs_a_part(tmp_path: Path) -> None:
 def test_a_part_is_checked_as_far_as_it_is_read(tmp_path: Path) -> None:
     path = tmp_path / "features.parquet"
     written(path, part(0, 3))
-    with pytest.raises(TableError, match="lacks the column 'g'; it has kind, id"):
-        read_part(path, "features", 0, ["g"])
+    with OpenTable(path, "features") as table, pytest.raises(TableError, match="lacks the column 'g'; it has kind, id"):
+        table.part(0, ["g"])
     table = pq.read_table(path)
     broken = table.set_column(table.schema.get_field_index("f"), "f", [[1.0, float("nan"), 2.0]])
     pq.write_table(broken.replace_schema_metadata(table.schema.metadata), path)
-    assert read_part(path, "features", 0, ["id"]).height == 3
-    with pytest.raises(TableError, match="'f' holds NaN"):
-        read_part(path, "features", 0, ["f"])
+    with OpenTable(path, "features") as table:
+        assert table.part(0, ["id"]).height == 3
+        with pytest.raises(TableError, match="'f' holds NaN"):
+            table.part(0, ["f"])
     with pytest.raises(TableError, match="holds table 'features' version"):
-        part_rows(path, "densities")
+        OpenTable(path, "densities")

@@ -9,7 +9,8 @@ import pytest
 
 import schemas
 from pipeline.errors import TableError
-from pipeline.formats.parquet.tables import read_provenance, read_table, write_table
+from pipeline.formats.parquet.tables import read_table, write_table
+from tests.support.tables import provenance_of
 
 
 def demonstrations(**changes: object) -> pl.DataFrame:
@@ -35,7 +36,7 @@ def test_a_table_comes_back_with_its_provenance_and_in_the_schemas_order(tmp_pat
     back = read_table(path, "demonstrations")
     assert back.equals(demonstrations())
     assert back.columns == [column.name for column in schemas.schema("demonstrations").columns]
-    assert read_provenance(path) == {"seed": 3}
+    assert provenance_of(path) == {"seed": 3}
 
 
 def test_all_but_trajectories_are_written_with_dictionaries(tmp_path: Path) -> None:

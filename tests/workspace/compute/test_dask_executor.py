@@ -21,7 +21,9 @@ import polars as pl
 import pytest
 
 from pipeline.errors import ParameterError, StageError, TableError
-from pipeline.formats.parquet.partitions import Gathered, Piece, Scaled
+from pipeline.formats.parquet.checked.open_table import Piece
+from pipeline.formats.parquet.partitions import Gathered, Scaled
+from pipeline.formats.parquet.table_file import TableFile
 from pipeline.stages import density, featurize, infer, ingest, sample
 from pipeline.workspace.compute import dask_executor, executor
 from pipeline.workspace.project import Project
@@ -237,7 +239,7 @@ def test_what_a_part_raises_on_a_worker_is_raised_here(
     make_project: MakeProject, large: dict[str, Any], cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     large["compute"]["scheduler"] = cluster.address
-    job = Scaled(tmp_path / "none.parquet", ("f",), np.ones(1)), [Piece(0, 0, 1)]
+    job = Scaled(TableFile(tmp_path / "none.parquet", "features", ""), ("f",), np.ones(1)), [Piece(0, 0, 1)]
     with executor.workers(make_project(large)) as pool:
         with pytest.raises(TableError, match=r"none\.parquet: there is no such file"):
             list(pool.mapped(density.spread_of, [job], "one"))

@@ -16,13 +16,14 @@ from pipeline.choice.kernel.bandwidth import sampled_bandwidth
 from pipeline.choice.scaling import Spread
 from pipeline.errors import BandwidthError, StageError
 from pipeline.formats.parquet import partitions
-from pipeline.formats.parquet.partitions import Piece
-from pipeline.formats.parquet.tables import part_rows, read_table, write_table
+from pipeline.formats.parquet.checked.open_table import Piece
+from pipeline.formats.parquet.tables import read_table, write_table
 from pipeline.stages import density, featurize, infer, ingest, sample
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.workspace.compute import executor
+from pipeline.workspace.compute import executor, likelihoods
 from pipeline.workspace.compute.streamed_alternatives import StreamedSet
 from pipeline.workspace.project import Project
+from tests.support.tables import part_rows
 
 MakeProject = Callable[[dict[str, Any]], Project]
 
@@ -31,8 +32,8 @@ MakeProject = Callable[[dict[str, Any]], Project]
 def large(parameters: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Parameters of a project whose working set is five parts of 400 rows, features read by two of them at a time."""
     monkeypatch.setattr(partitions, "PARTITIONS", 2)
-    for stage in (density, infer):
-        monkeypatch.setattr(stage, "PARTITIONS", 2)
+    for module in (density, likelihoods):
+        monkeypatch.setattr(module, "PARTITIONS", 2)
     parameters["compute"]["partition"] = 400
     parameters["sample"] |= {"sizes": [5, 20], "sets": 2, "working_set": 1900}
     parameters["density"]["bandwidth"] = 0.05
@@ -57,7 +58,7 @@ def computed(project: Project) -> tuple[pl.DataFrame, pl.DataFrame]:
 
 def test_a_large_set_is_stored_in_parts_with_ids_in_order(make_project: MakeProject, large: dict[str, Any]) -> None:
     project = drawn(make_project(large))
-    assert part_rows(project.table("sweep", "alternatives"), "alternatives") == (*[400] * 4, 350)
+    assert part_rows(project.table("sweep", "alternatives")) == (*[400] * 4, 350)
     rows = table(project, "alternatives")
     assert rows.filter(set_id="working")["alternative_id"].to_list() == [
         f"task/1900/working/{place:06d}" for place in range(1900)
@@ -84,7 +85,7 @@ def test_parts_of_a_set_have_streams_of_their_own_and_small_sets_the_one_they_ha
     whole = table(project, "alternatives")
     assert whole.filter(set_size=20).equals(small)
     assert not np.array_equal(whole.filter(set_id="working")["waypoints"].to_numpy(), working)
-    assert part_rows(project.table("sweep", "alternatives"), "alternatives") == (1950,)
+    assert part_rows(project.table("sweep", "alternatives")) == (1950,)
 
 
 @pytest.mark.parametrize("scale", ["range", "std"])
