@@ -67,7 +67,7 @@ def build_catalog(
     with path_written_whole(path) as partial:
         try:
             rows = _fill(partial, tables, sources)
-        except duckdb.IOException as error:
+        except (duckdb.IOException, duckdb.TransactionException) as error:  # the second: of a path with a question mark
             raise cannot_write(path, OSError(None, " ".join(str(error).split()))) from None
         finally:
             partial.with_name(f"{partial.name}.wal").unlink(missing_ok=True)
