@@ -8,7 +8,7 @@ from pathlib import Path
 import polars as pl
 
 import schemas
-from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.duckdb.questions import ask
 from pipeline.formats.duckdb.views import FILES, INPUTS
 from pipeline.formats.parquet.tables import read_table
 from pipeline.stages.registry import table_makers

@@ -62,6 +62,10 @@ class QueryError(WorkbenchError):
     """A question to the catalog cannot be answered."""
 
 
+class OutputError(WorkbenchError):
+    """What is printed cannot be written: a full disk, for example."""
+
+
 def one_of(names: Iterable[str]) -> str:
     """The valid names as they are listed at the end of a message."""
     return ", ".join(sorted(names))

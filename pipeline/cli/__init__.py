@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer.exceptions import TyperException
 
+from pipeline import terminal
 from pipeline.cli import imports, results, setup, shared, stages
-from pipeline.errors import WorkbenchError
+from pipeline.errors import OutputError, WorkbenchError
+
+if TYPE_CHECKING:
+    from types import TracebackType
 
 app = typer.Typer(
     name="lessbench",
@@ -39,15 +45,51 @@ def options(
 
 def main() -> None:
     """Run the command line; a user's mistake ends in one sentence and exit status 1."""
+    terminal.prepare()
+    sys.excepthook = _say_traceback
     try:
-        app()
-    except WorkbenchError as error:
-        print(f"lessbench: {error}", file=sys.stderr)  # noqa: T201
-        sys.exit(1)
+        status = _run()
+        terminal.finish()
     except BrokenPipeError:
-        sys.exit(1)
+        terminal.abandon()
+        status = 1
+    except OutputError as error:
+        terminal.abandon()
+        status = _fail(str(error))
+    except WorkbenchError as error:
+        status = _fail(str(error))
+    except MemoryError:
+        status = _fail(
+            "there is too little memory; end other programs, or raise the limit (`ulimit -v`), and run it again"
+        )
     except OSError as error:
         if error.filename is None:
             raise
-        print(f"lessbench: {error.filename}: {(error.strerror or str(error)).lower()}", file=sys.stderr)  # noqa: T201
-        sys.exit(1)
+        status = _fail(f"{error.filename}: {(error.strerror or str(error)).lower()}")
+    sys.exit(status)
+
+
+def _run() -> int:
+    """Run what is asked for; the exit status."""
+    try:
+        status = typer.main.get_command(app).main(standalone_mode=False)
+    except typer.Abort:
+        return 1
+    except TyperException as error:  # the command line is wrong
+        from typer.rich_utils import rich_format_error
+
+        error.message = terminal.plain(error.message)
+        rich_format_error(error)  # type: ignore[arg-type]
+        return error.exit_code
+    return status if isinstance(status, int) else 0
+
+
+def _fail(sentence: str) -> int:
+    terminal.say(f"lessbench: {terminal.plain(sentence, terminal.LONGEST_MESSAGE)}", error=True)
+    return 1
+
+
+def _say_traceback(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    """Show a mistake of this program as Python does, without what a terminal would obey."""
+    for line in "".join(traceback.format_exception(kind, error, trace)).splitlines():
+        terminal.say(line, error=True)

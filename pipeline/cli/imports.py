@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from pipeline.terminal import say
+
 commands = typer.Typer(no_args_is_help=True, help="Turn published demonstrations into MCAP recordings.")
 
 
@@ -29,4 +31,5 @@ def import_ferl(
     from pipeline.formats.ferl.importer import import_ferl
 
     written = import_ferl(file, out, [name.strip() for name in joints.split(",")], topic, rate_hz)
-    print("\n".join(str(path) for path in written))  # noqa: T201
+    for path in written:
+        say(str(path))

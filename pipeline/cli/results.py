@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.shared import LOOK, Bind, IsLive, Port, TaskOrStudies, this_project
-from pipeline.commands.sql import Format
+from pipeline.commands.sql.answers import MOST_ROWS, ROWS_ELSEWHERE, ROWS_ON_TERMINAL, Format
+from pipeline.terminal import say
 from pipeline.vocabulary import STUDIES
 
 commands = typer.Typer()
@@ -22,22 +23,46 @@ def sql(
         typer.Argument(metavar="QUESTION", help="One SQL query (DuckDB's dialect); without it: a prompt."),
     ] = None,
     form: Annotated[
-        Format, typer.Option("--format", help="How the answer is given; all but table go to other programs.")
-    ] = (Format.table),
+        Format | None,
+        typer.Option("--format", help="How the answer is given: as a table, or all of it for other programs."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="Write to FILE, whole or not at all; its ending says the format."
+        ),
+    ] = None,
+    rows: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST_ROWS,
+            help=f"Rows of a table (default: {ROWS_ON_TERMINAL}; {ROWS_ELSEWHERE:,} in a pipe or a file).",
+        ),
+    ] = None,
+    formulas: Annotated[
+        bool,
+        typer.Option(
+            "--formulas/--no-formulas", help="For CSV: put an apostrophe before what a spreadsheet would calculate."
+        ),
+    ] = True,
 ) -> None:
     """Ask the catalog a question; it is opened read-only, from any folder of the project.
 
-    Without a question it opens a prompt on a terminal, and elsewhere says what there is to ask about.
+    Without a question it opens a prompt on a terminal, and elsewhere says what there is to ask about. A table shows the
+    first rows and says how many there are; the other formats hold all of them.
 
     Example: `lessbench sql "from best_hypothesis where participant = 'all' and set_id = 'working'"`
     """
-    from pipeline.commands.sql import HISTORY, answer_once, prompt
+    from pipeline.commands.sql.answers import Wanted, answer_once
 
     project = this_project()
-    if question is None and form is Format.table and sys.stdin.isatty() and sys.stdout.isatty():
+    if question is None and form is None and output is None and sys.stdin.isatty() and sys.stdout.isatty():
+        from pipeline.commands.sql.prompt import HISTORY, prompt
+
         prompt(project.catalog, project.root / HISTORY)
     else:
-        answer_once(project.catalog, question, form)
+        answer_once(project.catalog, question, Wanted(form, output, rows, formulas))
 
 
 @commands.command(rich_help_panel=LOOK)
@@ -71,7 +96,8 @@ def verify(
     sound = True
     for name in [task] if task else [*project.params.tasks, STUDIES]:
         found = verify(project, name, sample)
-        print("\n".join(found.lines(name)))  # noqa: T201
+        for line in found.lines(name):
+            say(line)
         sound &= not found.drift
     if not sound:
         raise typer.Exit(1)
@@ -112,12 +138,13 @@ def summary() -> None:
 
     Example: `lessbench summary`.
     """
-    from rich.console import Console
     from rich.table import Table
 
+    from pipeline.terminal import cell, show
     from pipeline.workspace.project import recorded_runs
 
     table = Table("stage", "task", "took", "produced", title="Last run of each stage", title_justify="left")
     for run in recorded_runs(this_project()):
-        table.add_row(str(run["stage"]), str(run["task"]), f"{run['seconds']:.1f} s", str(run["produced"]))
-    Console().print(table)
+        words = (str(run["stage"]), str(run["task"]), f"{run['seconds']:.1f} s", str(run["produced"]))
+        table.add_row(*map(cell, words))
+    show(table)

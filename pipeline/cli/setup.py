@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.shared import SETUP, TaskName, this_project
+from pipeline.terminal import say
 
 commands = typer.Typer()
 
@@ -26,7 +27,8 @@ def check(
     usable = True
     for path in files:
         lines, good = report(path, this_project() if task else None, task)
-        print("\n".join(lines))  # noqa: T201
+        for line in lines:
+            say(line)
         usable &= good
     if not usable:
         raise typer.Exit(1)
@@ -47,7 +49,8 @@ def new_task(
     """
     from pipeline.commands.new_task import add_task
 
-    print(add_task(this_project(), name, scene, recordings, end_effector))  # noqa: T201
+    for line in add_task(this_project(), name, scene, recordings, end_effector):
+        say(line)
 
 
 @commands.command(rich_help_panel=SETUP)
@@ -73,4 +76,5 @@ def recover() -> None:
     """
     from pipeline.commands.recover import recover
 
-    print("\n".join(recover(this_project()) or ["nothing to mend"]))  # noqa: T201
+    for line in recover(this_project()) or ["nothing to mend"]:
+        say(line)

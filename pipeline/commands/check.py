@@ -6,10 +6,10 @@ from pathlib import Path
 
 from pipeline.errors import RecordingError
 from pipeline.formats.mcap.joint_states import RecordingReport, inspect_recording
-from pipeline.formats.mcap.rejection_reasons import plain
 from pipeline.params import Ingest
 from pipeline.replay.scene import Scene
 from pipeline.stages.ingest import demonstration
+from pipeline.terminal import plain
 from pipeline.workspace.project import Project
 from pipeline.workspace.scenes import load_task_scene
 

@@ -16,7 +16,7 @@ from pipeline.vocabulary import DEMONSTRATION_ANCHOR, RESERVED_FOLDERS, TASK_ANC
 from pipeline.workspace.project import Project
 
 
-def add_task(project: Project, name: str, scene: Path, recordings: Path, end_effector: str | None) -> str:
+def add_task(project: Project, name: str, scene: Path, recordings: Path, end_effector: str | None) -> list[str]:
     """Add the task `name` to params.yaml, comments kept, and say what to do next.
 
     Args:
@@ -25,6 +25,9 @@ def add_task(project: Project, name: str, scene: Path, recordings: Path, end_eff
         scene: MJCF file.
         recordings: folder of MCAP files.
         end_effector: body or site whose path matters; None for the last body that moves.
+
+    Returns:
+        lines that say what is there now, and what to do next.
 
     Raises:
         ParameterError: the name is taken or not a name, or the folder holds no recordings.
@@ -49,11 +52,12 @@ def add_task(project: Project, name: str, scene: Path, recordings: Path, end_eff
     with written_whole(file) as stream:
         stream.write(text.getvalue().encode())
     remedy = _feed_dvc(project)
-    said = (
+    return [
         f"task {name!r} is in {params.FILE}: arm of {len(loaded.joints)} joints ({', '.join(loaded.joints)}), end "
-        f"effector {loaded.end_effector}.\nSay there which features matter, then run: dvc repro inspect@{name}"
-    )
-    return said if remedy is None else f"{said}\n{remedy}"
+        f"effector {loaded.end_effector}.",
+        f"Say there which features matter, then run: dvc repro inspect@{name}",
+        *([] if remedy is None else [remedy]),
+    ]
 
 
 def _feed_dvc(before: Project) -> str | None:

@@ -11,6 +11,7 @@ import json
 from pathlib import Path
 
 from pipeline.errors import StageError
+from pipeline.formats.files.links import require_inside
 from pipeline.workspace.project import KEPT_LOCK, Project
 
 
@@ -21,11 +22,12 @@ def recover(project: Project) -> list[str]:
         one sentence for everything that was mended.
 
     Raises:
-        StageError: DVC is at work.
+        StageError: DVC is at work, or its folder is a link that leads out of the project.
     """
     if not (project.root / ".dvc").is_dir():
         return []
     temporary = project.root / ".dvc" / "tmp"
+    require_inside(temporary / "lock", opened=True)
     temporary.mkdir(exist_ok=True)
     with (temporary / "lock").open("a+") as lock:
         try:

@@ -12,6 +12,7 @@ from functools import partial
 
 from pipeline.stages.inspect import inspection
 from pipeline.stages.inspect_studies import study_tables
+from pipeline.terminal import say
 from pipeline.views.rerun.layout import layout
 from pipeline.views.rerun.recording import log_inspection
 from pipeline.views.rerun.server import LOOPBACK, PORT, Address, claim, open_beside, served
@@ -49,10 +50,10 @@ def claimed(live: Live) -> Address:
     """
     address = claim(live.bind, live.port)
     if not address.local:
-        print(  # noqa: T201
+        say(
             f"warning: {address.bind} can be reached from other machines, and whoever reaches it can see the recording "
             f"and send data into it; {LOOPBACK} is for this machine only",
-            file=sys.stderr,
+            error=True,
         )
     return address
 
@@ -119,8 +120,3 @@ def interrupted() -> Iterator[threading.Event]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def say(line: str) -> None:
-    """One line for the person who waits."""
-    print(line, flush=True)  # noqa: T201

@@ -19,11 +19,10 @@ import polars as pl
 from pipeline.arrays import FloatArray
 from pipeline.choice import Posterior, entropy, log_likelihood, posterior_from
 from pipeline.choice.models import choice_model
-from pipeline.commands.serve import Live, announce, claimed, interrupted, say
+from pipeline.commands.serve import Live, announce, claimed, interrupted
 from pipeline.errors import RecordingError, StageError, WorkbenchError
 from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.mcap.folder_watcher import Arrivals, News
-from pipeline.formats.mcap.rejection_reasons import plain
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.partitions import gathered
 from pipeline.formats.parquet.tables import table_writer, write_table
@@ -38,6 +37,7 @@ from pipeline.stages.ingest import LONGEST_NAME, REJECTED, demonstration
 from pipeline.stages.inspect import PATHS
 from pipeline.stages.registry import parameters
 from pipeline.studies.posteriors import PART_ROWS, groups_of, posterior_parts
+from pipeline.terminal import plain, say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
 from pipeline.views.rerun.records import AlternativeSet, Replay

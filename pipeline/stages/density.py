@@ -26,6 +26,7 @@ from pipeline.choice.kernel.fourier import Sketch
 from pipeline.choice.scaling import Spread
 from pipeline.choice.streaming import log_sums_of_part, log_sums_over_part, sketch_seconds, sketch_slabs, slab_of_part
 from pipeline.errors import StageError
+from pipeline.formats.files.links import require_inside
 from pipeline.formats.parquet.checked.conformance import GROUPS
 from pipeline.formats.parquet.checked.open_table import Piece
 from pipeline.formats.parquet.partitions import PARTITIONS, Scaled, SetRows, batches, cut, gathered
@@ -167,6 +168,7 @@ def _streamed(
             "compute.memory_gb, a wider density.bandwidth or fewer alternatives"
         )
     scratch = project.root / SCRATCH
+    require_inside(scratch / "any")
     scratch.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix="density-", dir=scratch) as folder:
         files = tuple(Path(folder) / f"{number}.npy" for number, _ in enumerate(slabs))

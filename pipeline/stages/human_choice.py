@@ -42,7 +42,8 @@ PAPER = {
 
 def _choices(source: Path) -> pl.DataFrame:
     try:
-        return pl.read_csv(source)
+        with source.open("rb") as stream:  # a path would be taken for a pattern
+            return pl.read_csv(stream)
     except FileNotFoundError:
         raise StageError(f"{source}: there is no such file; studies.human_choice.choices names it") from None
     except pl.exceptions.PolarsError as error:

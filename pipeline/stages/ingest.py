@@ -13,12 +13,13 @@ import polars as pl
 
 from pipeline.errors import RecordingError, StageError
 from pipeline.formats.mcap.joint_states import read_joint_states
-from pipeline.formats.mcap.rejection_reasons import plain, rejection
+from pipeline.formats.mcap.rejection_reasons import rejection
 from pipeline.formats.mcap.writer import METADATA
 from pipeline.formats.parquet.tables import write_table
 from pipeline.params import Ingest
 from pipeline.replay.scene import Scene, model_hash, scene_files
 from pipeline.stages.registry import parameters
+from pipeline.terminal import plain
 from pipeline.trajectories.timebase import demonstration_waypoints
 from pipeline.vocabulary import RESERVED_IDS
 from pipeline.workspace.progress import tracked

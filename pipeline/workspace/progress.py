@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
+from pipeline.terminal import cell, plain
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -20,7 +22,7 @@ def tracked(items: Sequence[Item], what: str) -> Iterable[Item]:
         yield from items
         return
     with _bar() as progress:
-        yield from progress.track(items, description=what)
+        yield from progress.track(items, description=plain(what))
 
 
 def say_done(what: str, produced: str, seconds: float) -> None:
@@ -30,7 +32,7 @@ def say_done(what: str, produced: str, seconds: float) -> None:
 
     console = Console(stderr=True)
     if console.is_terminal:
-        console.print(Text.assemble((what, "bold green"), f": {produced}, took {seconds:.1f} s"))
+        console.print(Text.assemble(cell(what, "bold green"), cell(f": {produced}, took {seconds:.1f} s")))
 
 
 def _bar() -> Progress:
@@ -45,6 +47,6 @@ def _bar() -> Progress:
             return Text("" if not speed else f"{speed:.1f}/s" if speed >= 1 else f"{1 / speed:.1f} s each")
 
     return Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(), TimeLeft(), TextColumn("left"),
+        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), Rate(), TimeLeft(), TextColumn("left"),
         console=Console(stderr=True), transient=True,
     )  # fmt: skip

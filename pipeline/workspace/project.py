@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,9 +14,11 @@ from pathlib import Path
 from pipeline import params
 from pipeline.errors import ParameterError
 from pipeline.formats.files.atomic import written_whole
+from pipeline.formats.files.links import keep_inside
 from pipeline.formats.files.lock import held
 from pipeline.formats.files.parent_process import end_with_parent
 from pipeline.params import Params, Task
+from pipeline.terminal import say
 from pipeline.workspace.progress import say_done
 
 RUNS = ".lessbench/runs"
@@ -38,6 +39,10 @@ class Project:
 
     root: Path
     overlay: Path | None = None
+
+    def __post_init__(self) -> None:
+        """Let nothing be written through a link that leads out of the folder."""
+        keep_inside(self.root)
 
     @cached_property
     def params(self) -> Params:
@@ -142,7 +147,7 @@ def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
             stream.write(json.dumps({**run.__dict__, "finished": time.time()}).encode())
     say_done(f"{stage} {task}", run.produced, run.seconds)
     for note in run.notes:
-        print(f"{stage} {task}: {note}", file=sys.stderr)  # noqa: T201
+        say(f"{stage} {task}: {note}", error=True)
 
 
 def _keep_dvc_lock(project: Project) -> None:

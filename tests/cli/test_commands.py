@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import select
 import shutil
 import subprocess
 import sys
@@ -18,8 +17,7 @@ import typer.main
 from pipeline.cli import app
 from pipeline.cli.shared import tasks
 from pipeline.workspace.project import Project
-
-pty = pytest.importorskip("pty", reason="pseudo-terminals are a matter of Unix")
+from tests.support.terminal import on_a_terminal
 
 COUNTING = "from pipeline.workspace.progress import tracked; import time; [time.sleep(0.15) for _ in tracked(range(8), 'counting')]"
 
@@ -57,26 +55,6 @@ def run(
     )  # fmt: skip
 
 
-def on_a_terminal(project: Project, *words: str, env: dict[str, str] | None = None) -> str:
-    """What a terminal of 100 columns is shown."""
-    ours, theirs = pty.openpty()
-    environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"} | (env or {})
-    process = subprocess.Popen(
-        [sys.executable, *words], cwd=project.root, env=environment, stdin=theirs, stdout=theirs, stderr=theirs
-    )
-    os.close(theirs)
-    shown = b""
-    while process.poll() is None or select.select([ours], [], [], 0)[0]:
-        if select.select([ours], [], [], 0.1)[0]:
-            try:
-                shown += os.read(ours, 1 << 16)
-            except OSError:  # Linux says so when the other side is closed
-                break
-    os.close(ours)
-    assert process.wait(10) == 0, shown.decode()
-    return shown.decode()
-
-
 def test_a_pipe_gets_the_answer_and_nothing_else(small: Project) -> None:
     done = run(small, "catalog")
     assert done.stdout + done.stderr == ""
@@ -87,10 +65,10 @@ def test_a_pipe_gets_the_answer_and_nothing_else(small: Project) -> None:
 
 
 def test_a_terminal_is_told_how_far_it_is_and_what_came_out(small: Project) -> None:
-    shown = on_a_terminal(small, "-m", "pipeline", "catalog")
+    shown = on_a_terminal(small.root, "-m", "pipeline", "catalog")
     assert re.search(r"\x1b\[[\d;]*mcatalog all\x1b\[0m: 0 tables, 0 rows, took \d+\.\d s", shown)
-    assert "\x1b[" not in on_a_terminal(small, "-m", "pipeline", "catalog", env={"NO_COLOR": "1", "TERM": "dumb"})
-    shown = on_a_terminal(small, "-c", COUNTING)
+    assert "\x1b[" not in on_a_terminal(small.root, "-m", "pipeline", "catalog", env={"NO_COLOR": "1", "TERM": "dumb"})
+    shown = on_a_terminal(small.root, "-c", COUNTING)
     assert re.search(r"counting .*[1-7]/8.* [\d.]+/s .*0:00:0\d", re.sub(r"\x1b\[[\d;?]*\w", "", shown))
 
 

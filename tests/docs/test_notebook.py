@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from polars.testing import assert_frame_equal
 
-from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.duckdb.questions import ask
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample
 from pipeline.workspace.project import Project
 from pipeline.workspace.provenance import content_hash

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
 from pipeline.errors import StageError
-from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.duckdb.questions import ask
 from pipeline.formats.parquet.tables import read_table
 from pipeline.replay import load_scene, model_hash
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample, simulate

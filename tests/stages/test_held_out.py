@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.duckdb.questions import ask
 from pipeline.formats.parquet.tables import read_table
 from pipeline.stages import catalog, density, featurize, infer, ingest, sample
 from pipeline.views.intervals import compare_models

@@ -13,7 +13,7 @@ import polars as pl
 import pytest
 
 from pipeline.errors import ParameterError, StageError
-from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.duckdb.questions import ask
 from pipeline.formats.parquet.tables import read_table
 from pipeline.params import parse
 from pipeline.stages import catalog, density, featurize, figures, infer, ingest, robustness, sample, shift, simulate

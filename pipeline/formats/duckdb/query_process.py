@@ -1,15 +1,19 @@
-"""One question to a DuckDB file in a process of its own, so that no question can take more than its time and memory.
+"""The process that asks a DuckDB file one question, so that no question can take more than its time and memory.
 
 DuckDB's own limits do not hold everywhere: a list of a million constants is planned for minutes without listening to an
 interrupt, and an answer is handed over outside its memory limit. A process can always be ended, and its address space
-has a size. `python -m pipeline.formats.duckdb.query_process FILE SECONDS` reads the question from standard input.
+has a size. `python -m pipeline.formats.duckdb.query_process FILE SECONDS DESCRIPTOR` reads the question from standard
+input and writes the answer to standard output, as an Arrow stream while it is found. A sentence goes to the descriptor.
 """
 
 from __future__ import annotations
 
-import subprocess
+import os
 import sys
 import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -21,8 +25,7 @@ if TYPE_CHECKING:
 
 MEMORY_LIMIT = "1GB"
 ADDRESS_SPACE_BYTES = 4 << 30  # of the process: DuckDB's memory, the answer's, and what libraries reserve without using
-ANSWER_BYTES = 256 << 20
-QUESTION_CHARACTERS = 1_000_000
+RESIDENT_BYTES = 3 << 29  # of these, what it may use: DuckDB's memory and the answer's
 THREADS = 2
 LOCKED: dict[str, str | bool | int | float | list[str]] = {
     "enable_external_access": False,
@@ -35,47 +38,52 @@ LOCKED: dict[str, str | bool | int | float | list[str]] = {
     "python_enable_replacements": False,
 }
 GRACE_S = 5.0  # for the process to start, and to end by itself
+REFUSED, OUT_OF_MEMORY = 3, 4  # exit statuses: a sentence says why; memory ran out
 _ROWS = 10_000
-_REFUSED = 3  # exit status: standard output holds a sentence
 
 
-def answer(path: Path, sql: str, time_limit_s: float) -> pa.Table:
-    """What the database at `path` says to one SQL query.
+class Clock:
+    """Counts the time for which it runs, and calls `stop` once that is all there was.
 
-    Raises:
-        QueryError: the question is wrong or refused, or takes more time or memory than it may.
+    Attributes:
+        seconds: how much that was.
+        over: whether it has.
     """
-    import pyarrow as pa
 
-    if len(sql) > QUESTION_CHARACTERS:
-        raise QueryError(f"the question has {len(sql):,} characters, allowed are {QUESTION_CHARACTERS:,}; ask for less")
-    words = [sys.executable, "-m", "pipeline.formats.duckdb.query_process", str(path.resolve()), repr(time_limit_s)]
+    def __init__(self, seconds: float, stop: Callable[[], None]) -> None:
+        self.seconds = seconds
+        self._left, self._stop = seconds, stop
+        self.over = False
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Let it run."""
+        timer = threading.Timer(self._left, self._end)
+        timer.daemon = True
+        began = time.monotonic()
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+            self._left = max(self._left - (time.monotonic() - began), 0.0)
+
+    def _end(self) -> None:
+        self.over = True
+        self._stop()
+
+
+def main(path: str, time_limit_s: str, sentence: str) -> int:
+    """Answer the question on standard input."""
     try:
-        done = subprocess.run(  # noqa: S603
-            words, input=sql.encode("utf-8", "surrogateescape"), capture_output=True, timeout=time_limit_s + GRACE_S
-        )
-    except subprocess.TimeoutExpired:
-        raise _too_long(time_limit_s) from None
-    if done.returncode == _REFUSED:
-        raise QueryError(done.stdout.decode("utf-8", "replace"))
-    if done.returncode != 0:
-        raise QueryError(
-            f"the question took more memory than it may ({MEMORY_LIMIT}), or asked what DuckDB cannot do; ask for less"
-        )
-    return pa.ipc.open_stream(done.stdout).read_all()
-
-
-def main(path: str, time_limit_s: str) -> int:
-    """Answer the question on standard input, as an Arrow stream or with a sentence."""
-    _bound_memory()
-    try:
+        _bound_memory()
         _put(Path(path), sys.stdin.buffer.read().decode("utf-8"), float(time_limit_s), sys.stdout.buffer)
     except UnicodeDecodeError:
-        return _refuse("the question is not valid text")
+        return _refuse("the question is not valid text", int(sentence))
     except QueryError as error:
-        return _refuse(str(error))
-    except MemoryError:
-        return _refuse(f"the question took more memory than it may ({MEMORY_LIMIT}); ask for less")
+        return _refuse(str(error), int(sentence))
+    except (MemoryError, ImportError):  # a library that finds no room is not loaded
+        return OUT_OF_MEMORY
     return 0
 
 
@@ -85,34 +93,45 @@ def _put(path: Path, sql: str, time_limit_s: float, out: IO[bytes]) -> None:
 
     try:
         with duckdb.connect(path, read_only=True, config=LOCKED) as con:
-            timer = threading.Timer(time_limit_s, con.interrupt)
-            timer.daemon = True
-            timer.start()
-            _require_question(con, sql)
-            relation = con.sql(sql)
-            if relation is None:
-                raise QueryError("the question has no answer; write a select, for example `from best_hypothesis`")
-            reader = relation.to_arrow_reader(_ROWS)
-            batches, size = [], 0
-            for batch in reader:
-                batches.append(batch)
-                size += batch.nbytes
-                if size > ANSWER_BYTES:
-                    raise QueryError(
-                        f"the answer has more than {ANSWER_BYTES >> 20} MB; ask for fewer rows or less of each"
-                    )
+            clock = Clock(time_limit_s, con.interrupt)
+            with clock.running():
+                _require_question(con, sql)
+                relation = con.sql(sql)
+                if relation is None:
+                    raise QueryError("the question has no answer; write a select, for example `from best_hypothesis`")
+                reader = relation.to_arrow_reader(_ROWS)
             with pa.ipc.new_stream(out, reader.schema) as stream:
-                for batch in batches:
+                while (batch := _next(reader, clock)) is not None:
                     stream.write_batch(batch)
-            timer.cancel()
+                    out.flush()
     except duckdb.InterruptException:
-        raise _too_long(time_limit_s) from None
-    except duckdb.OutOfMemoryException:
-        raise QueryError(f"the question took more memory than it may ({MEMORY_LIMIT}); ask for less") from None
+        raise too_long(time_limit_s) from None
+    except duckdb.OutOfMemoryException as error:
+        raise _out_of_memory(error) from None
     except duckdb.Error as error:
         raise QueryError(_first_line(error)) from None
+    except pa.ArrowMemoryError:
+        raise MemoryError from None
     except pa.ArrowException as error:
         raise QueryError(f"the answer cannot be handed over ({_first_line(error)}); ask for less of each row") from None
+
+
+def _next(reader: pa.RecordBatchReader, clock: Clock) -> pa.RecordBatch | None:
+    """The next rows. What goes wrong in DuckDB meanwhile comes from Arrow as an error of the system, with its text."""
+    try:
+        with clock.running():
+            return next(reader, None)
+    except OSError as error:
+        if clock.over:
+            raise too_long(clock.seconds) from None
+        if str(error).startswith("Out of Memory Error"):
+            raise _out_of_memory(error) from None
+        raise QueryError(_first_line(error)) from None
+
+
+def _out_of_memory(error: Exception) -> Exception:
+    """Whether the question wanted more than it may have, or the system gave no more."""
+    return QueryError(too_much_memory()) if " used)" in str(error) else MemoryError()
 
 
 def _require_question(con: duckdb.DuckDBPyConnection, sql: str) -> None:
@@ -135,10 +154,18 @@ def _bound_memory() -> None:
         import resource
     except ImportError:  # a system without it; DuckDB's own limit remains
         return
-    resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE_BYTES, ADDRESS_SPACE_BYTES))
+    _, most = resource.getrlimit(resource.RLIMIT_AS)
+    bytes_ = ADDRESS_SPACE_BYTES if most == resource.RLIM_INFINITY else min(ADDRESS_SPACE_BYTES, most)
+    resource.setrlimit(resource.RLIMIT_AS, (bytes_, bytes_))
 
 
-def _too_long(time_limit_s: float) -> QueryError:
+def too_much_memory() -> str:
+    """What to say of a question that wanted more than it may have."""
+    return f"the question took more memory than it may ({MEMORY_LIMIT}); ask for less"
+
+
+def too_long(time_limit_s: float) -> QueryError:
+    """What to say of a question that took more than its time."""
     return QueryError(f"the question took more than {time_limit_s:g} s and was stopped; ask for less")
 
 
@@ -147,10 +174,10 @@ def _first_line(error: Exception) -> str:
     return text if len(text) <= 1000 else f"{text[:1000]} [...]"
 
 
-def _refuse(sentence: str) -> int:
-    sys.stdout.buffer.write(sentence.encode("utf-8", "replace"))
-    return _REFUSED
+def _refuse(sentence: str, descriptor: int) -> int:
+    os.write(descriptor, sentence.encode("utf-8", "replace"))
+    return REFUSED
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:3]))
+    sys.exit(main(*sys.argv[1:4]))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO
 
 from pipeline.errors import StageError
+from pipeline.formats.files.links import require_inside
 from pipeline.formats.files.parent_process import require_parent
 
 _REMEDIES = {
@@ -47,6 +48,7 @@ def path_written_whole(path: Path) -> Iterator[Path]:
     Raises:
         StageError: it cannot be written; what was at `path` is unchanged.
     """
+    require_inside(path)
     partial = path.with_name(f".{path.name}.partial")
     with _one_sentence(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -68,13 +70,14 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
     Raises:
         StageError: it cannot be written; what was at `path` is unchanged.
     """
+    require_inside(path)
     partial, former = (path.with_name(f".{path.name}.{word}") for word in ("partial", "former"))
     with _one_sentence(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         if former.exists() and not path.exists():  # killed between the two renames below
             former.replace(path)
         for left in (partial, former):
-            shutil.rmtree(left, ignore_errors=True)
+            _remove(left)
         partial.mkdir()
         try:
             yield partial
@@ -89,7 +92,7 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
             if former.exists() and not path.exists():
                 former.replace(path)
             for left in (partial, former):
-                shutil.rmtree(left, ignore_errors=True)
+                _remove(left)
 
 
 def require_space(path: Path, size: int) -> None:
@@ -115,6 +118,14 @@ def _one_sentence(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise cannot_write(path, error) from None
+
+
+def _remove(path: Path) -> None:
+    """Remove a folder, or the link that stands for one, but not what it leads to."""
+    if path.is_symlink():
+        path.unlink()
+    else:
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _sync(path: Path) -> None:

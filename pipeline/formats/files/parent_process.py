@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import sys
 import threading
 import time
 from contextlib import suppress
 
 from pipeline.errors import StageError
+from pipeline.terminal import say
 
 _BY_DVC = "DVC_STAGE" in os.environ
 _SHELLS = {"sh", "bash", "dash", "zsh", "fish", "ksh"}
@@ -51,8 +51,7 @@ def end_with_parent() -> None:
 def _watch() -> None:
     while not _orphaned():
         time.sleep(_LOOK_S)
-    said = "lessbench: the `dvc repro` that started this stage has ended; so does the stage"
-    print(said, file=sys.stderr)  # noqa: T201
+    say("lessbench: the `dvc repro` that started this stage has ended; so does the stage", error=True)
     os._exit(1)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from pipeline.errors import RecordingError
+from pipeline.terminal import plain
 
 Reason = Literal[
     "unreadable",  # the operating system would not give us the file
@@ -27,17 +28,8 @@ Reason = Literal[
 ]
 REASONS: tuple[Reason, ...] = get_args(Reason)
 LONGEST_DETAIL = 2000  # characters
-_LEFT_OUT = " [...] "
 
 
 def rejection(reason: Reason, detail: str) -> RecordingError:
     """The error for one of the `REASONS`, with a sentence for a person; what it quotes from a file is made harmless."""
     return RecordingError(reason, plain(detail, LONGEST_DETAIL))
-
-
-def plain(text: str, longest: int) -> str:
-    """`text` on one line, without what a terminal would obey, its middle left out where it is too long."""
-    if not text.isprintable():
-        text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
-    half = (longest - len(_LEFT_OUT)) // 2
-    return text if len(text) <= longest else f"{text[:half]}{_LEFT_OUT}{text[-half:]}"

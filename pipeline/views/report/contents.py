@@ -11,7 +11,7 @@ from typing import Any
 import polars as pl
 
 from pipeline import params
-from pipeline.formats.duckdb.catalog import CONTENTS, ask
+from pipeline.formats.duckdb.questions import CONTENTS, ask
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
 from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
@@ -74,7 +74,8 @@ class _Answers:
         self.meaning: dict[str, str] = {}
         self.best = self("theta_marginals", BEST)
         features = dict(self("scales", FEATURES).iter_rows())
-        for (task,), rows in self("posteriors", HYPOTHESES).group_by("task", maintain_order=True):
+        hypotheses = self("posteriors", HYPOTHESES)
+        for (task,), rows in () if hypotheses.is_empty() else hypotheses.group_by("task", maintain_order=True):
             thetas = pl.Series(rows["theta"].to_list()).list.to_array(len(features[task])).to_numpy()
             self.words[str(task)] = theta_labels(thetas, features[task])
             self.meaning[str(task)] = theta_meaning(thetas)

@@ -1,17 +1,20 @@
 """The catalog: all tasks in one file, opened from anywhere, and questions that cannot do harm."""
 
 from pathlib import Path
+from typing import Any
 
 import duckdb
 import numpy as np
 import polars as pl
 import pytest
 
-from pipeline.errors import QueryError
-from pipeline.formats.duckdb.catalog import CONTENTS, EXAMPLES, SourceFile, ask, build_catalog
+from pipeline.errors import QueryError, TableError
+from pipeline.formats.duckdb import catalog as catalog_module
+from pipeline.formats.duckdb.catalog import SourceFile, build_catalog
+from pipeline.formats.duckdb.questions import CONTENTS, EXAMPLES, ask
 from pipeline.formats.duckdb.views import FILES, INPUTS, VIEWS
 from pipeline.formats.parquet.checked.open_table import OpenTable
-from pipeline.formats.parquet.tables import write_table
+from pipeline.formats.parquet.tables import table_writer, write_table
 from schemas import schema
 
 
@@ -231,3 +234,110 @@ def test_a_posterior_goes_back_to_its_recordings(whole: Path) -> None:
 def test_tables_made_from_another_version_are_named(whole: Path) -> None:
     (row,) = ask(whole, "from outdated").to_dicts()
     assert (row["file"], row["was"], row["is_now"]) == ("t/posteriors.parquet", "old", "hash of demonstrations")
+
+
+def features(**columns: list[float]) -> pl.DataFrame:
+    row = {"kind": ["alternative"], "id": ["a"], "anchor": ["task"], "set_size": [1], "set_id": ["00"]}
+    return pl.DataFrame(row | columns)
+
+
+def build_from(folder: Path, name: str, table: pl.DataFrame, task: str = "t") -> Path:
+    write_table(folder / f"{name}.parquet", name, table, {})
+    with OpenTable(folder / f"{name}.parquet", name) as open_table:
+        build_catalog(folder / "catalog.duckdb", {name: [(task, open_table)]})
+    return folder / "catalog.duckdb"
+
+
+HOSTILE_NAMES = (
+    "kind\" as x from read_parquet('{folder}/features.parquet'); copy (select 42) to '{folder}/stolen'; select \"kind",
+    "x\" ; COPY (select 42) TO '{folder}/stolen' --",
+    "effort\", (select content from read_text('/etc/hostname')) as \"stolen",
+    "effort'); copy (select 42) to '{folder}/stolen'; --",
+    "effort\x1b]0;mine\x07",
+    "two words",
+    "",
+    "e" * 201,
+    "ID",  # DuckDB takes it for `id`
+)
+
+
+@pytest.mark.parametrize("name", HOSTILE_NAMES)
+def test_a_column_that_no_feature_can_be_is_refused_and_never_becomes_sql(tmp_path: Path, name: str) -> None:
+    hostile = name.replace("{folder}", str(tmp_path))
+    with pytest.raises(TableError, match="only names of features are allowed"):
+        build_from(tmp_path, "features", features(**{hostile: [1.0]}))
+    assert [path.name for path in tmp_path.iterdir()] == ["features.parquet"]
+
+
+def test_features_that_differ_in_case_alone_are_refused_in_one_task_and_joined_between_tasks(tmp_path: Path) -> None:
+    with pytest.raises(TableError, match="'effort'"):
+        build_from(tmp_path, "features", features(Effort=[1.0], effort=[2.0]))
+    write_table(tmp_path / "a.parquet", "features", features(Effort=[1.0]), {})
+    write_table(tmp_path / "b.parquet", "features", features(effort=[2.0], height=[3.0]), {})
+    files = [(task, OpenTable(tmp_path / f"{task}.parquet", "features")) for task in ("a", "b")]
+    build_catalog(tmp_path / "catalog.duckdb", {"features": files})
+    found = ask(tmp_path / "catalog.duckdb", "select task, Effort, height from features")
+    assert found.rows() == [("a", 1.0, None), ("b", 2.0, 3.0)]
+
+
+@pytest.mark.parametrize("hostile", ["it's", 'a"b', "'; drop table features; --", "\x1b[31m", "$$", "?", "\u202e"])
+def test_values_and_tasks_are_texts_whatever_is_in_them(tmp_path: Path, hostile: str) -> None:
+    path = build_from(tmp_path, "features", features(effort=[1.0]).with_columns(id=pl.lit(hostile)), hostile)
+    assert ask(path, "select task, id, effort from features").rows() == [(hostile, hostile, 1.0)]
+
+
+@pytest.mark.parametrize(
+    "provenance",
+    [
+        {"seed": "seven"},
+        {"seed": 1 << 63},
+        {"seed": True},
+        {"program": ["lessbench"]},
+        {"inputs": ["a"]},
+        {"inputs": {"a": 1}},
+        {"inputs": None},
+        ["not", "an", "object"],
+    ],
+)
+def test_what_a_file_says_of_its_making_is_checked(tmp_path: Path, provenance: Any) -> None:
+    source = SourceFile("t/features.parquet", "features", "t", "00", provenance)
+    with pytest.raises(TableError, match=r"t/features\.parquet: what its metadata says"):
+        build_catalog(tmp_path / "catalog.duckdb", {}, [source])
+    assert not (tmp_path / "catalog.duckdb").exists()
+
+
+def test_a_table_is_handed_over_part_by_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with table_writer(tmp_path / "features.parquet", "features", {}) as writer:
+        for number in range(5):
+            writer.write(features(effort=[float(number)]).with_columns(id=pl.lit(f"a{number}")))
+    read = []
+
+    def counted(table: OpenTable, number: int) -> pl.DataFrame:
+        read.append(number)
+        return part(table, number)
+
+    part = OpenTable.part
+    monkeypatch.setattr(OpenTable, "part", counted)
+    path = tmp_path / "catalog.duckdb"
+    with OpenTable(tmp_path / "features.parquet", "features") as open_table:
+        assert build_catalog(path, {"features": [("t", open_table)]}) == {"features": 5}
+    assert read == [0, 1, 2, 3, 4]
+    assert ask(path, "select effort from features")["effort"].to_list() == [0, 1, 2, 3, 4]
+
+
+def test_it_is_stored_so_that_the_first_stable_duckdb_opens_it(catalog: Path) -> None:
+    header = catalog.read_bytes()[:20]
+    assert header[8:12] == b"DUCK"
+    assert int.from_bytes(header[12:20], "little") == 64  # of DuckDB 1.0; what 1.2 and later store by default is more
+
+
+def test_no_setting_lets_the_connection_that_builds_it_reach_a_file(tmp_path: Path) -> None:
+    with duckdb.connect(tmp_path / "new.duckdb", config=catalog_module.BUILDING) as con:
+        for sql in (
+            "from read_csv('/etc/passwd')",
+            "copy (select 1) to 'out.csv'",
+            "attach 'other.db'",
+            "from tmp_path",
+        ):
+            with pytest.raises(duckdb.Error):
+                con.execute(sql)

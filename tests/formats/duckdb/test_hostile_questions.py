@@ -13,7 +13,7 @@ import pytest
 
 from pipeline.errors import QueryError
 from pipeline.formats.duckdb import query_process
-from pipeline.formats.duckdb.catalog import ask
+from pipeline.formats.duckdb.questions import ask
 
 LIMIT_S = 1.0
 NUMBERS = ",".join(map(str, range(120_000)))
