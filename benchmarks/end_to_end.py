@@ -48,16 +48,15 @@ def write_project(root: Path, count: int, partition: int | None) -> None:
         shutil.copytree(ROOT / "datasets" / folder, root / "datasets" / folder)
 
 
-def run(stage: str, root: Path) -> Cost:
-    """Run a stage as the command line does."""
+def run(root: Path, *command: str) -> Cost:
+    """Run a command of `lessbench` in a process of its own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     begin = time.perf_counter()
-    command = [sys.executable, "-m", "pipeline", stage, TASK]
-    with subprocess.Popen(command, cwd=root, env=environment) as process:
+    with subprocess.Popen([sys.executable, "-m", "pipeline", *command], cwd=root, env=environment) as process:
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
-        raise SystemExit(f"{stage} failed")
+        raise SystemExit(f"{' '.join(command)} failed")
     return Cost(time.perf_counter() - begin, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024.0)
 
 
@@ -67,8 +66,8 @@ def measured(count: int, partition: int | None) -> tuple[dict[str, Cost], dict[s
         root = Path(folder)
         write_project(root, count, partition)
         for stage in PREPARED:
-            run(stage, root)
-        costs = {stage: run(stage, root) for stage in STAGES}
+            run(root, stage, TASK)
+        costs = {stage: run(root, stage, TASK) for stage in STAGES}
         return costs, {
             path.stem: path.stat().st_size for path in (root / "datasets" / TASK / "tables").glob("*.parquet")
         }

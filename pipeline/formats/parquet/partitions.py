@@ -16,6 +16,7 @@ from pipeline.formats.parquet.checked.open_table import Piece
 from pipeline.formats.parquet.table_file import TableFile
 from pipeline.formats.parquet.tables import TableWriter
 
+SetKey = tuple[str, int, str]  # anchor, set_size and set_id
 PARTITIONS = 10  # of alternatives whose features are read at once: their rows are far smaller than waypoints
 
 
@@ -34,7 +35,7 @@ class SetRows:
     pieces: tuple[Piece, ...]
 
     @property
-    def key(self) -> tuple[str, int, str]:
+    def key(self) -> SetKey:
         """Anchor, size and number of the set."""
         return self.anchor, self.set_size, self.set_id
 
@@ -73,7 +74,7 @@ class SetIndex:
     columns = GROUPS
 
     def __init__(self) -> None:
-        self._pieces: dict[tuple[str, int, str], list[Piece]] = {}
+        self._pieces: dict[SetKey, list[Piece]] = {}
         self._others: list[Piece] = []
 
     def add(self, number: int, part: pl.DataFrame) -> None:

@@ -19,7 +19,7 @@ from pipeline.choice.models import choice_model
 from pipeline.choice.streaming import STREAMED_MODELS, JoinedSums, joined_sums
 from pipeline.errors import StageError
 from pipeline.formats.parquet.checked.open_table import Piece
-from pipeline.formats.parquet.partitions import PARTITIONS, Scaled, SetRows, cut
+from pipeline.formats.parquet.partitions import PARTITIONS, Scaled, SetKey, SetRows, cut
 from pipeline.formats.parquet.table_file import TableFile
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.vocabulary import BOLTZMANN, LESS, TASK_ANCHOR
@@ -90,12 +90,8 @@ def likelihoods(
     Raises:
         StageError: a model needs the whole of a set that is larger than a partition, or the tables are in other orders.
     """
-    densities, file = tables["densities"], tables.for_jobs("densities")
+    file, sigmas = tables.for_jobs("densities"), bandwidths(tables)
     density_rows = {one.key: one for one in tables.contents("densities").sets}
-    sigmas = {
-        key: float(densities.part(one.pieces[0].part, ["bandwidth"])["bandwidth"][one.pieces[0].first])
-        for key, one in density_rows.items()
-    }
     alike: dict[tuple[int, str], list[SetRows]] = {}
     for one in tables.contents("features").sets:
         alike.setdefault((one.set_size, one.set_id), []).append(one)
@@ -114,6 +110,13 @@ def likelihoods(
                 if question.of(one.anchor)
             }
             yield same, _streamed(pool, question, parts, what)
+
+
+def bandwidths(tables: TaskTables) -> dict[SetKey, float]:
+    """The bandwidth of each set of the table `densities`, which has been checked."""
+    densities = tables["densities"]
+    firsts = ((one.key, one.pieces[0]) for one in tables.contents("densities").sets)
+    return {key: float(densities.part(piece.part, ["bandwidth"])["bandwidth"][piece.first]) for key, piece in firsts}
 
 
 def set_likelihoods(job: tuple[Question, tuple[SetRows, ...], tuple[float, ...]]) -> dict[str, FloatArray]:
