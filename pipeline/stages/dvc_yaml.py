@@ -21,8 +21,8 @@ FILE = "dvc.yaml"
 WIDTH = 120
 ROOT = Path(__file__).resolve().parents[2]
 FOREACH = {Scope.TASK: "${tasks}", Scope.SIMULATED: "${simulate.weights}"}
-# modules that find files, check parameters, report and declare: a change of them, or of what only they import, changes no
-# result
+# modules that find files, check parameters, report and declare: a change of them, or of what they alone import, changes
+# no result
 NEUTRAL = {
     "pipeline/arrays.py",
     "pipeline/errors.py",
