@@ -8,8 +8,8 @@ measured up to 20,000 or 40,000 rows and extrapolated by their own growth betwee
 What was measured is kept in benchmarks/results/density.json; `--picture FILE` draws it without measuring again, and
 `python -m benchmarks.estimate` computes from it what a thousand million alternatives would take.
 
-"Selecting among 20 bandwidths" is GridSearchCV for the peer: 20 bandwidths around the best, five folds, all rows. Ours has
-no grid: leave-one-out likelihood of about 4000 rows against all, its maximum, with its standard error.
+"Selecting among 20 bandwidths" is GridSearchCV for the peer: 20 bandwidths around the best, five folds, all rows. Ours
+has no grid: leave-one-out likelihood of about 4000 rows against all, its maximum, with its standard error.
 """
 
 from __future__ import annotations

@@ -58,7 +58,8 @@ def main() -> None:
     assert (own.result[0] == peer.result[0]).all()
     assert (own.result[2] == peer.result[2]).all()
     show(
-        f"Reading {MESSAGES:,} JointState messages of {len(NAMES)} joints, {size / 1e6:.0f} MB, CRCs checked, same values",
+        f"Reading {MESSAGES:,} JointState messages of {len(NAMES)} joints, {size / 1e6:.0f} MB, CRCs checked, same "
+        "values",
         ("reader", "time", "messages a second", "peak memory"),
         [
             (name, f"{run.seconds:.2f} s", f"{MESSAGES / run.seconds:,.0f}", f"{run.memory / 1e6:,.0f} MB")

@@ -2,8 +2,9 @@
 
 One thousand trajectories of 41 waypoints of the table task, three features. The peer is a Python loop over
 `mujoco.mj_kinematics` that reads the same position and sums up the same features; to its advantage its model has no
-geoms. On both cores means one process per core, each with half of the trajectories, for the peer as for ours. The C loop
-is compiled here with `cc` against the library in MuJoCo's wheel. Writes the unit costs to benchmarks/results/replay.json.
+geoms. On both cores means one process per core, each with half of the trajectories, for the peer as for ours. The C
+loop is compiled here with `cc` against the library in MuJoCo's wheel. Writes the unit costs to
+benchmarks/results/replay.json.
 """
 
 from __future__ import annotations

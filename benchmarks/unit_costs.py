@@ -1,4 +1,4 @@
-"""The unit costs of the engines' cost model (pipeline/choice/kernel/cost_model.py): `python -m benchmarks.unit_costs`."""
+"""Unit costs for the cost model of the engines, pipeline/choice/kernel/cost_model.py: `python -m benchmarks.unit_costs`."""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
     python docs/make_pictures.py
 
-Figures come from datasets/*/figures, at the resolution of a screen; views from the recordings in the Rerun viewer, which
-needs a Vulkan driver that draws in software; the report from Chromium. On Debian: `apt-get install mesa-vulkan-drivers
-chromium`. What is missing is said at the end, and its picture stays as it was.
+Figures come from datasets/*/figures, at the resolution of a screen; views from the recordings in the Rerun viewer,
+which needs a Vulkan driver that draws in software; the report from Chromium. On Debian: `apt-get install
+mesa-vulkan-drivers chromium`. What is missing is said at the end, and its picture stays as it was.
 """
 
 from __future__ import annotations

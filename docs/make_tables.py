@@ -16,11 +16,12 @@ INTRODUCTION = """\
 
 Made from `schemas/*.toml` by `python docs/make_tables.py`; change it there.
 
-Every table is a Parquet file: `datasets/<task>/tables/<name>.parquet` for a task, `datasets/studies/tables/<name>.parquet`
-for a study. The catalog, `datasets/catalog.duckdb`, has all of them under the same names; there the tables of the
-tasks are joined, with a column `task`. A file that breaks its schema is neither written nor read. Its metadata
-`lessbench.schema` names the table and its version, `lessbench.provenance` the version of the program and of MuJoCo, the
-seed, and hashes of the scene's compiled model, the parameters and the files it was made from.
+Every table is a Parquet file: `datasets/<task>/tables/<name>.parquet` for a task and
+`datasets/studies/tables/<name>.parquet` for a study. The catalog, `datasets/catalog.duckdb`, has all of them under
+the same names; there the tables of the tasks are joined, with a column `task`. A file that breaks its schema is
+neither written nor read. Its metadata `lessbench.schema` names the table and its version, `lessbench.provenance` the
+version of the program and of MuJoCo, the seed, and hashes of the scene's compiled model, the parameters and the files
+it was made from.
 
 A type `double[J][T]` is an array of T arrays of J numbers (numpy shape `(T, J)`); in the catalog it is a list. J stands
 for joints, T for waypoints, F for features. A value is never NaN, and missing only where the last column says so.

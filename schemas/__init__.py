@@ -74,7 +74,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class TableSchema:
-    """A table: one row, key columns, columns in order, the pattern of further columns, if any, and what rows refer to."""
+    """A table: what a row is, key columns, columns in order, the pattern of any further columns, what rows refer to."""
 
     name: str
     version: int

@@ -23,9 +23,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     help="What did this person want, and how sure can we be? Inference from demonstrations under competing models of "
-    "choice.\n\n`dvc repro` runs all stages that are out of date; the commands below run one stage, or look at results.\n\n"
-    "Example: `lessbench sql`, for a prompt that answers questions; `lessbench infer --help` explains a command; "
-    "`lessbench --install-completion` makes Tab complete commands and tasks.",
+    "choice.\n\n`dvc repro` runs all stages that are out of date; the commands below run one stage, or look at "
+    "results.\n\nExample: `lessbench sql`, for a prompt that answers questions; `lessbench infer --help` explains a "
+    "command; `lessbench --install-completion` makes Tab complete commands and tasks.",
 )
 app.add_typer(stages.commands)
 app.add_typer(results.commands)

@@ -26,7 +26,8 @@ def import_ferl(
     """Turn Python 2 pickles of joint arrays into recordings, one per demonstration. Nothing in FILE is executed.
 
     Example for the JACO 2: `lessbench import ferl FERL_demos.p mine --topic /j2s7s300_driver/out/joint_state
-    --joints j2s7s300_joint_1,j2s7s300_joint_2,j2s7s300_joint_3,j2s7s300_joint_4,j2s7s300_joint_5,j2s7s300_joint_6,j2s7s300_joint_7`
+    --joints
+    j2s7s300_joint_1,j2s7s300_joint_2,j2s7s300_joint_3,j2s7s300_joint_4,j2s7s300_joint_5,j2s7s300_joint_6,j2s7s300_joint_7`
     """
     from pipeline.formats.ferl.importer import import_ferl
 

@@ -1,7 +1,7 @@
 """What runs is what is recorded: a command computes with the code of the project it stands in, or not at all.
 
-DVC records the hashes of the code in the project's folder. But `lessbench` may have been installed from another checkout:
-that of a git worktree, or of the temporary folders that `dvc exp run --queue` and `--temp` run in.
+DVC records the hashes of the code in the project's folder. But `lessbench` may have been installed from another
+checkout: that of a git worktree, or of the temporary folders that `dvc exp run --queue` and `--temp` run in.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ EXPERIMENTS = Path(".dvc") / "tmp" / "exps"  # where DVC runs experiments that i
 def require_own_code(root: Path) -> None:
     """Go on only if the project in `root` has no other code than that which is running.
 
-    Where DVC has started the command, as a stage of this very project, it begins anew with the project's own code: whoever
-    runs `dvc repro` there runs the commands of its dvc.yaml anyway. Code of a folder that somebody merely stands in is not
-    run.
+    Where DVC has started the command, as a stage of this very project, it begins anew with the project's own code:
+    whoever runs `dvc repro` there runs the commands of its dvc.yaml anyway. Code of a folder that somebody merely
+    stands in is not run.
 
     Raises:
         StageError: it has, and DVC has not started the command.

@@ -53,8 +53,8 @@ def _salvage(found: RecordingReport, scene: Scene | None, settings: Ingest | Non
     duration_s = (part.time_ns[-1] - part.time_ns[0]) / 1e9
     verb = "is" if settings and settings.salvage else "can be"
     return [
-        f"  {verb} salvaged with ingest.salvage: {len(part.time_ns):,} poses on {part.topic}, {duration_s:.2f} s; lost: "
-        f"{part.lost}"
+        f"  {verb} salvaged with ingest.salvage: {len(part.time_ns):,} poses on {part.topic}, {duration_s:.2f} s; "
+        f"lost: {part.lost}"
     ]
 
 

@@ -74,8 +74,8 @@ def _feed_dvc(before: Project) -> str | None:
     for old, new in zip(*parts, strict=True):
         if old not in text:
             return (
-                f"{dvc_yaml.FILE} is not as `python -m pipeline.stages.dvc_yaml` writes it, so its catalog will not wait for "
-                "this task: write it anew with that command, or add the task to its last stages by hand"
+                f"{dvc_yaml.FILE} is not as `python -m pipeline.stages.dvc_yaml` writes it, so its catalog will not "
+                "wait for this task: write it anew with that command, or add the task to its last stages by hand"
             )
         text = text.replace(old, new)
     with written_whole(file) as stream:

@@ -1,4 +1,4 @@
-"""Mend what keeps the next `dvc repro` from beginning: files of DVC's own that are cut off, and a git that is not there.
+"""Mend what keeps the next `dvc repro` from beginning: files of DVC's own that are cut off, and no git.
 
 DVC writes dvc.lock and .dvc/tmp/rwlock in place, and a kill may leave them cut off. What stages write appears whole and
 needs no mending. Without git, as in a project unpacked from an archive, DVC does nothing unless it is told to.

@@ -8,10 +8,11 @@ from pipeline.workspace.project import Project
 
 
 def run_task(project: Project, name: str) -> None:
-    """Run the stages from the scene and the recordings of the task `name` to its figures and its recording for the viewer.
+    """Run the stages of the task `name`, from its scene and recordings to its figures and its recording for the viewer.
 
     Raises:
-        ParameterError: there is no such task, or a late stage needs a set of alternatives that an early one will not draw.
+        ParameterError: there is no such task, or a late stage needs a set of alternatives that an early one does not
+            draw.
     """
     project.params.task(name)
     copied, sizes = project.params.robustness.duplicates.set_size, project.params.sample.sizes

@@ -104,7 +104,8 @@ def announce(address: Address, what: str, *, stay: bool) -> None:
     say(f"no viewer was opened: {without}; connect one with: rerun {address.uri}")
     if stay:
         say(
-            f"from another machine first: ssh -L {address.port}:{address.bind}:{address.port} this-machine; Ctrl-C ends serving"
+            f"from another machine first: ssh -L {address.port}:{address.bind}:{address.port} this-machine; Ctrl-C "
+            "ends serving"
         )
     else:
         say("ending now; --stay keeps serving")

@@ -53,8 +53,8 @@ class Verified:
         if self.drift:
             return [f"drift: {sentence}" for sentence in self.drift]
         return [
-            f"{name}: {self.tables} tables as they were made; {self.files} input hashes, {self.trajectories} trajectories "
-            f"and {self.posteriors} posteriors computed again"
+            f"{name}: {self.tables} tables as they were made; {self.files} input hashes, {self.trajectories} "
+            f"trajectories and {self.posteriors} posteriors computed again"
         ]
 
 
@@ -133,7 +133,8 @@ def _check_table(
          parameters_now),
         (f"{about.get('program')}; this is lessbench {version('lessbench')}", about.get("program"),
          f"lessbench {version('lessbench')}"),
-        (f"the seed {about.get('seed')}; params.yaml has {project.params.seed}", about.get("seed"), project.params.seed),
+        (f"the seed {about.get('seed')}; params.yaml has {project.params.seed}", about.get("seed"),
+         project.params.seed),
         (f"MuJoCo {about.get('mujoco')}; this is {version('mujoco')}", about.get("mujoco"), version("mujoco")),
         ("another scene model than the task has now", about.get("model"), known.model),
     ):  # fmt: skip
@@ -277,8 +278,8 @@ def _choice_sets(
         again = log_density(alternatives, bandwidth)
         for row in _different(joined["log_density"].to_numpy(), again, DENSITY_TOLERANCE)[:1]:
             found.drift.append(
-                f"{project.shown(densities.path)}: log_density of {joined['id'][row]} is {joined['log_density'][row]!r}, "
-                f"and {float(again[row])!r} when computed again"
+                f"{project.shown(densities.path)}: log_density of {joined['id'][row]} is "
+                f"{joined['log_density'][row]!r}, and {float(again[row])!r} when computed again"
             )
         yield alternatives, bandwidth, demonstrations.select(names).to_numpy() / scale
 

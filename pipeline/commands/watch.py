@@ -177,8 +177,9 @@ def run(project: Project, folder: Path | None, name: str | None, until: Until, l
             with folder_written_whole(target) as partial:
                 with _shown(partial, setting, belief, address) as shown:
                     say(
-                        f"watching {folder}{'' if folder.is_dir() else ' (not there yet)'} for {name}: {len(setting.raw):,} alternatives, {len(setting.thetas)} thetas x "
-                        f"{len(setting.betas)} betas; Ctrl-C ends"
+                        f"watching {folder}{'' if folder.is_dir() else ' (not there yet)'} for {name}: "
+                        f"{len(setting.raw):,} alternatives, {len(setting.thetas)} thetas x {len(setting.betas)} "
+                        "betas; Ctrl-C ends"
                     )
                     for path in _files(arrivals, belief, until, shown):
                         _take(path, project, belief, rejected, shown)
@@ -225,8 +226,8 @@ def read_setting(project: Project, name: str) -> Setting:
     task = project.params.task(name)
     if task.anchor != TASK_ANCHOR:
         raise StageError(
-            f"tasks.{name}.anchor is {task.anchor!r}: each demonstration needs alternatives of its own, which new ones do "
-            "not have yet; set it to task, or run `dvc repro` after each recording"
+            f"tasks.{name}.anchor is {task.anchor!r}: each demonstration needs alternatives of its own, which new ones "
+            "do not have yet; set it to task, or run `dvc repro` after each recording"
         )
     with TaskTables(project.tables(name, TABLES)) as tables:
         sources = tuple(tables.values())
@@ -358,7 +359,8 @@ def _marginals(belief: Belief) -> tuple[dict[str, FloatArray], str]:
     lines = [
         f"# {belief.setting.name}",
         "",
-        f"**{len(belief.rows)} demonstration{'s' * (len(belief.rows) != 1)}** so far, {len(belief.setting.raw):,} alternatives.",
+        f"**{len(belief.rows)} demonstration{'s' * (len(belief.rows) != 1)}** so far, {len(belief.setting.raw):,} "
+        "alternatives.",
         "",
         *(f"- {line}" for line in _lines(belief)),
         "",

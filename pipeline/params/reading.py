@@ -68,7 +68,8 @@ def _read_yaml(path: Path) -> object:
         document: object = YAML(typ="safe", pure=True).load(content.decode("utf-8"))
         if _beyond(document, MOST_VALUES):
             raise ParameterError(
-                f"{path}: holds more than {MOST_VALUES:,} values once its aliases are written out, or an alias of itself"
+                f"{path}: holds more than {MOST_VALUES:,} values once its aliases are written out, or an alias of "
+                "itself"
             )
         return document
     except FileNotFoundError:

@@ -173,8 +173,8 @@ class Sample(_Section):
     def _given_if_asked_for(self) -> Sample:
         if (self.sampler == GIVEN) != (self.given is not None):
             raise ValueError(
-                f"sampler is {self.sampler} and given is {self.given}; the sampler `given` needs a file in `given`, the "
-                "others need null there"
+                f"sampler is {self.sampler} and given is {self.given}; the sampler `given` needs a file in `given`, "
+                "the others need null there"
             )
         return self
 
@@ -296,8 +296,8 @@ class GridWorldSettings(_Section):
 
     Attributes:
         size: cells per side. 10 gives 48,620 paths, few enough to sum over all of them.
-        objects: cells of the two objects. Mirror images in the diagonal from start to goal, so that neither is favoured,
-            each midway between the centre and its corner of the grid, so that paths can pass on both sides.
+        objects: cells of the two objects. Mirror images in the diagonal from start to goal, so that neither is
+            favoured, each midway between the centre and its corner of the grid, so that paths can pass on both sides.
         beta: inverse temperature of people and robot, on features scaled to a range of 1. 10, as log 48,620 = 10.8: the
             largest difference in reward then weighs about as much as the number of paths, and neither decides alone.
         demonstrations: paths per set. 5: the paper's examples speak of two demonstrations and several others.

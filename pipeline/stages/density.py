@@ -163,9 +163,9 @@ def _streamed(
     cores = pool.cores()
     if seconds > LONGEST_S * cores:
         raise StageError(
-            f"the kernel sums of the set {one.set_id!r} of {one.rows:,} alternatives at bandwidth {sigma.value:g} would take "
-            f"about {seconds / 3600 / cores:.0f} hours on {cores} cores; use more workers (docs/cluster.md), a larger "
-            "compute.memory_gb, a wider density.bandwidth or fewer alternatives"
+            f"the kernel sums of the set {one.set_id!r} of {one.rows:,} alternatives at bandwidth {sigma.value:g} "
+            f"would take about {seconds / 3600 / cores:.0f} hours on {cores} cores; use more workers "
+            "(docs/cluster.md), a larger compute.memory_gb, a wider density.bandwidth or fewer alternatives"
         )
     scratch = project.root / SCRATCH
     require_inside(scratch / "any")
@@ -206,8 +206,8 @@ def log_sums_of(part: Sketched) -> FloatArray:
     if wrong.any():
         if pair_seconds(float(wrong.sum()) * total) > LONGEST_S:
             raise StageError(
-                f"{wrong.sum():,} of {len(phi):,} rows are too isolated in a set of {total:,} for its sketch, and all pairs "
-                "would take hours; use a wider density.bandwidth or fewer alternatives"
+                f"{wrong.sum():,} of {len(phi):,} rows are too isolated in a set of {total:,} for its sketch, and all "
+                "pairs would take hours; use a wider density.bandwidth or fewer alternatives"
             )
         sums = (log_sums_over_part(phi[wrong], part.features.read(rows), part.sigma) for rows in part.parts)
         log_sums[wrong] = reduce(np.logaddexp, sums)
@@ -225,8 +225,8 @@ def _bandwidth(
         return select_bandwidth(features.read(one.pieces), bandwidth)
     if bandwidth != "leave-one-out":
         raise StageError(
-            f"density.bandwidth is {bandwidth!r}, which compares all pairs, and the set {one.set_id!r} has {one.rows:,} "
-            "alternatives; use leave-one-out or a number"
+            f"density.bandwidth is {bandwidth!r}, which compares all pairs, and the set {one.set_id!r} has "
+            f"{one.rows:,} alternatives; use leave-one-out or a number"
         )
     return sampled_bandwidth(StreamedSet(pool, features, parts, spread, memory_bytes, what))
 
@@ -235,7 +235,7 @@ def _whole(features: Scaled, one: SetRows, reason: str) -> FloatArray:
     """(N, F) of a set that must be in memory after all."""
     if one.rows > IN_MEMORY:
         raise StageError(
-            f"the set {one.set_id!r} has {one.rows:,} alternatives and {reason}, up to {IN_MEMORY:,} are possible; give "
-            "density.bandwidth as a number, wide enough for up to three features, or use fewer alternatives"
+            f"the set {one.set_id!r} has {one.rows:,} alternatives and {reason}, up to {IN_MEMORY:,} are possible; "
+            "give density.bandwidth as a number, wide enough for up to three features, or use fewer alternatives"
         )
     return features.read(one.pieces)

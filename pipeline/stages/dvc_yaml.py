@@ -21,11 +21,13 @@ FILE = "dvc.yaml"
 WIDTH = 120
 ROOT = Path(__file__).resolve().parents[2]
 FOREACH = {Scope.TASK: "${tasks}", Scope.SIMULATED: "${simulate.weights}"}
-# modules that find files, check parameters, report and declare: a change of them changes no result
+# modules that find files, check parameters, report and declare: a change of them, or of what they alone import, changes
+# no result
 NEUTRAL = {
     "pipeline/arrays.py",
     "pipeline/errors.py",
     "pipeline/formats/files/atomic.py",
+    "pipeline/formats/files/links.py",
     "pipeline/formats/files/lock.py",
     "pipeline/formats/files/parent_process.py",
     "pipeline/params/paths.py",
@@ -36,6 +38,7 @@ NEUTRAL = {
     "pipeline/workspace/progress.py",
     "pipeline/workspace/project.py",
 }
+MOST = 0.75  # of the files in a folder, from which on a stage waits for the whole folder
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
 # Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
@@ -60,7 +63,7 @@ def dvc_yaml(params: Params) -> str:
 
 
 def of_all_tasks(params: Params) -> list[str]:
-    """Those parts of the text that name every task: the stages of the whole project, and what `dvc plots show` shows."""
+    """The parts of the text that name every task: the stages of the whole project, and what `dvc plots show` shows."""
     figures = dict.fromkeys(params.tasks, TASK_FIGURES) | {STUDIES: STUDY_FIGURES}
     plots = [f"datasets/{place}/figures/{name}.svg" for place, names in figures.items() for name in names]
     stages = [_stage(stage, params) for stage in STAGES if stage.scope is Scope.PROJECT]
@@ -71,14 +74,14 @@ def code_of(module: str) -> list[str]:
     """The files of code that can change what a module does, a folder standing for all that is in it.
 
     They are the module and what it imports, anywhere in it, and so on; without `NEUTRAL`, and without the files
-    `__init__.py`, which compute nothing.
+    `__init__.py`, which compute nothing. A folder of which they are most may bring a few files more.
     """
     found: set[str] = set()
     waiting = {f"{module.replace('.', '/')}.py"}
     while waiting:
         file = waiting.pop()
         found.add(file)
-        waiting |= _imported(file) - found
+        waiting |= _imported(file) - found - NEUTRAL
     gathered = {Path(file).parent for file in found if file.endswith("/__init__.py") and _imported(file)}
     files = found.union(*(_files_in(folder) for folder in gathered)) - NEUTRAL
     return sorted(_folders_for_files({file for file in files if not file.endswith("/__init__.py")}))
@@ -154,12 +157,12 @@ def _files_in(folder: Path) -> set[str]:
 
 
 def _folders_for_files(files: set[str]) -> set[str]:
-    """The files, with the outermost folders in place of those that are in it whole."""
+    """The files, with the outermost folders in place of most of the files in them."""
     found = set(files)
     folders = {folder for file in files for folder in Path(file).parents if len(folder.parts) > 1}
     for folder in sorted(folders, key=lambda path: len(path.parts)):
         inside = _files_in(folder)
-        if len(inside) > 1 and inside <= found:
+        if 1 < len(inside) <= len(inside & found) / MOST and not inside & NEUTRAL:
             found = (found - inside) | {folder.as_posix()}
     return found
 

@@ -27,7 +27,8 @@ from pipeline.vocabulary import ALL, KNOWN_DENSITY, WORKING
 from pipeline.workspace.project import Project, recorded_run
 
 ROBUSTNESS = (
-    "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity", "sensitivity_summary",
+    "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
+    "sensitivity_summary",
     "duplicates_summary",
 )  # fmt: skip
 

@@ -181,8 +181,8 @@ def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
         "",
         f"Drawn: {_drawn(view)}. Other sets and single samplers: panel on the left, `scene`, `alternatives`, the eyes.",
         "",
-        f"From `datasets/{name}/tables`: arm and paths `demonstrations`, `alternatives`; densities `features`, `densities`, "
-        "`scales`; bars `posteriors`; KLAggregate (median over participants, 95 % interval) `robustness_summary`. All in "
-        "`datasets/catalog.duckdb`; ask with `lessbench sql`.",
+        f"From `datasets/{name}/tables`: arm and paths `demonstrations`, `alternatives`; densities `features`, "
+        "`densities`, `scales`; bars `posteriors`; KLAggregate (median over participants, 95 % interval) "
+        "`robustness_summary`. All in `datasets/catalog.duckdb`; ask with `lessbench sql`.",
     ]
     return "\n".join(lines)

@@ -95,8 +95,8 @@ STAGES = (
     Stage(
         "sample", Scope.TASK, "sample", "pipeline.stages.sample",
         parameters=(
-            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor", "tasks.{task}.preferences",
-            "ingest.waypoints", "sample", "compute.partition",
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor",
+            "tasks.{task}.preferences", "ingest.waypoints", "sample", "compute.partition",
         ),
         named=("sample.given",),
         reads=("demonstrations",),
@@ -125,9 +125,9 @@ STAGES = (
     Stage(
         "shift", Scope.TASK, "shift", "pipeline.stages.shift",
         parameters=(
-            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor", "tasks.{task}.preferences",
-            "ingest.waypoints", "sample.sizes", "sample.deformation.modes", "sample.planner.width_rad",
-            "robustness.samplers",
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor",
+            "tasks.{task}.preferences", "ingest.waypoints", "sample.sizes", "sample.deformation.modes",
+            "sample.planner.width_rad", "robustness.samplers",
         ),
         reads=("demonstrations",),
         inputs=(SCENE,),

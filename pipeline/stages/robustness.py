@@ -174,9 +174,11 @@ def _require_sets(alternatives: pl.DataFrame, size: int) -> None:
     counts = dict(alternatives.group_by("set_size").agg(pl.col("set_id").n_unique()).iter_rows())
     if min(counts.values(), default=0) < 2:
         raise StageError(
-            "the study compares sets of one size, and there are not two; give sample.sizes and set sample.sets to 2 or more"
+            "the study compares sets of one size, and there are not two; give sample.sizes and set sample.sets to 2 or "
+            "more"
         )
     if size not in counts:
         raise StageError(
-            f"robustness.duplicates.set_size is {size}; it must be one of sample.sizes, {', '.join(map(str, sorted(counts)))}"
+            f"robustness.duplicates.set_size is {size}; it must be one of sample.sizes, "
+            f"{', '.join(map(str, sorted(counts)))}"
         )

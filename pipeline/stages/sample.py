@@ -150,7 +150,7 @@ def sampling_anchors(planning: Planning, demonstrations: pl.DataFrame) -> dict[s
 
 
 def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> FloatArray:
-    """Somebody's own alternatives (P, T, J): the column `waypoints`, row-major, each on the branch of the scene's start.
+    """Somebody's own alternatives (P, T, J): the column `waypoints`, each on the branch of the scene's start.
 
     Raises:
         StageError: the file is missing, is no Parquet, or its trajectories have another shape or are not finite.
@@ -191,7 +191,7 @@ def _sampler(planning: Planning, settings: Sample, anchor: Anchor, seed: int, na
 def planned_sampler(
     planning: Planning, settings: Sample, anchor: Anchor, count: int, stream: tuple[int, *tuple[str, ...]]
 ) -> Planner:
-    """The planner, its paths planned once from `anchor`; they serve other anchors as deviations from the straight path."""
+    """The planner, its paths planned once, from `anchor`; they serve others as deviations from the straight path."""
     scales = planning.preference_scales(child_rng(*stream, "scales"), anchor, Deformation())
     lower, upper = planning.room.limits(anchor)
     planned = optimise_paths(

@@ -25,7 +25,8 @@ def provenance(
 
     Args:
         project: whose table it is.
-        parameters: the dotted paths of all parameters that the table depends on, as the registry of stages declares them.
+        parameters: the dotted paths of all parameters that the table depends on, as the registry of stages declares
+            them.
         inputs: the files it was made from; a table that was opened need not be opened again.
         model: hash of the compiled scene (`pipeline.replay.model_hash`), if the stage used one.
     """

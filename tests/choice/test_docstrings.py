@@ -7,7 +7,8 @@ import pytest
 
 # How many functions and classes of each module have an example that runs.
 EXAMPLES = {
-    "kernel.density": 2, "kernel.bandwidth": 1, "models": 4, "likelihood": 1, "inference": 2, "held_out": 1, "metrics": 3,
+    "kernel.density": 2, "kernel.bandwidth": 1, "models": 4, "likelihood": 1, "inference": 2, "held_out": 1,
+    "metrics": 3,
     "hypotheses": 1, "log_sum_exp": 1,
 }  # fmt: skip
 

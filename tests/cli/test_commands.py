@@ -19,7 +19,9 @@ from pipeline.cli.shared import tasks
 from pipeline.workspace.project import Project
 from tests.support.terminal import on_a_terminal
 
-COUNTING = "from pipeline.workspace.progress import tracked; import time; [time.sleep(0.15) for _ in tracked(range(8), 'counting')]"
+COUNTING = """
+from pipeline.workspace.progress import tracked; import time; [time.sleep(0.15) for _ in tracked(range(8), 'counting')]
+"""
 
 
 def commands(group: Any, *path: str) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -50,8 +52,8 @@ def run(
     project: Project, *words: str, env: dict[str, str] | None = None, command: tuple[str, ...] = ("-m", "pipeline")
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, *command, *words], cwd=project.root, env=os.environ | (env or {}), capture_output=True, text=True,
-        check=True,
+        [sys.executable, *command, *words], cwd=project.root, env=os.environ | (env or {}), capture_output=True,
+        text=True, check=True,
     )  # fmt: skip
 
 

@@ -107,8 +107,8 @@ def test_a_port_in_use_is_said_before_any_work(inferred: Project) -> None:
             said, complained = process.communicate(timeout=60)
     assert (process.returncode, said) == (1, "")
     assert complained == (
-        f"lessbench: port {port} of 127.0.0.1 cannot be served (address already in use); choose another with --port, or "
-        "--port 0 for any that is free\n"
+        f"lessbench: port {port} of 127.0.0.1 cannot be served (address already in use); choose another with --port, "
+        "or --port 0 for any that is free\n"
     )
     assert not (inferred.datasets / "sweep" / "inspect.rrd").exists()
 

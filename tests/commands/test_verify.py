@@ -42,7 +42,8 @@ def test_nothing_has_drifted(made: Project) -> None:
     assert (found.tables, found.trajectories, found.posteriors) == (10, 33, 30)
     assert found.files > 20
     assert found.lines("sweep") == [
-        f"sweep: 10 tables as they were made; {found.files} input hashes, 33 trajectories and 30 posteriors computed again"
+        f"sweep: 10 tables as they were made; {found.files} input hashes, 33 trajectories and 30 posteriors computed "
+        "again"
     ]
 
 
@@ -53,8 +54,8 @@ def test_a_flipped_feature_value(made: Project) -> None:
     said = drift(made)
     assert any("features.parquet: vase of the demonstration demo-1 is 7.5, and " in line for line in said), said
     for table in ("densities", "scales", "posteriors", "held_out"):
-        name = f"datasets/sweep/tables/{table}.parquet: datasets/sweep/tables/features.parquet has changed since it was made"
-        assert name in said
+        tables = "datasets/sweep/tables"
+        assert f"{tables}/{table}.parquet: {tables}/features.parquet has changed since it was made" in said
 
 
 def test_an_altered_posterior(made: Project) -> None:

@@ -408,7 +408,8 @@ def times_that_are_none(rng: Rng) -> bytes:
 def texts_that_do_harm(rng: Rng) -> bytes:
     """Control codes, megabytes, reserved words and no text at all, as topics, joints, metadata and schema names."""
     harm = [
-        b"\x1b]0;mine\x07", b"\n\r\t", b"\xff\xfe", b"\0", b"", "\u202e\u2066".encode(), b"a" * 1_000_000, b"all", b"task",
+        b"\x1b]0;mine\x07", b"\n\r\t", b"\xff\xfe", b"\0", b"", "\u202e\u2066".encode(), b"a" * 1_000_000, b"all",
+        b"task",
         b"../../etc/passwd", b"'; drop table posteriors; --", b"<script>alert(1)</script>", b"=cmd()", b"[red]x[/red]",
         b"{\"effort\": NaN}", b"[" * 9000, b"{\"effort\": 1e999}", b"{\"effort\": 1}", b"\xed\xa0\x80", b"9" * 5000,
     ]  # fmt: skip

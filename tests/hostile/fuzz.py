@@ -232,7 +232,8 @@ def _replay(number: int) -> int:
     (result,) = read_batch([number])
     print(f"{stream.name}: {made.kind}, {len(made.content)} bytes")
     print(
-        f"{result.outcomes[0]}; with ingest.salvage {result.outcomes[-1]}; {result.seconds:.2f} s, {result.megabytes:.0f} MB"
+        f"{result.outcomes[0]}; with ingest.salvage {result.outcomes[-1]}; {result.seconds:.2f} s, "
+        f"{result.megabytes:.0f} MB"
     )
     print("\n".join(result.faults))
     return int(bool(result.faults))

@@ -1,4 +1,4 @@
-"""No command shows a terminal what it would obey, whatever folders, files, joints, people, values and words are called."""
+"""No command shows a terminal what it would obey, whatever folders, files, joints, people and values are called."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The choice models, bandwidth scores and posteriors as their equations read: one loop per sum, exact sums, no arrays."""
+"""Choice models, bandwidth scores and posteriors as their equations read: one loop per sum, exact sums, no arrays."""
 
 from __future__ import annotations
 

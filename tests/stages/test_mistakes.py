@@ -106,9 +106,17 @@ MISTAKES: dict[str, tuple[str, Change, str]] = {
     "missing MJCF": ("featurize", lambda p: change(p, "tasks.sweep.scene", "nowhere.xml"), r"nowhere\.xml"),
     "broken MJCF": ("featurize", lambda p: (p.root / "gantry.xml").write_text("<mujoco><bod"), r"gantry\.xml"),  # type: ignore[dict-item, return-value]
     "unknown end effector": ("ingest", lambda p: change(p, "tasks.sweep.end_effector", "hand"), r"'hand'.*tip"),
-    "unknown feature": ("featurize", lambda p: change(p, "tasks.sweep.features.effort.kind", "grace"), r"'grace'.*proximity"),
+    "unknown feature": (
+        "featurize",
+        lambda p: change(p, "tasks.sweep.features.effort.kind", "grace"),
+        r"'grace'.*proximity",
+    ),
     "unknown object": ("featurize", lambda p: change(p, "tasks.sweep.features.vase.object", "jar"), r"'jar'.*vase"),
-    "theta of wrong length": ("infer", lambda p: change(p, "tasks.sweep.thetas", [[1, 2, 3]]), r"thetas\[0\] has 3 numbers.*2"),
+    "theta of wrong length": (
+        "infer",
+        lambda p: change(p, "tasks.sweep.thetas", [[1, 2, 3]]),
+        r"thetas\[0\] has 3 numbers.*2",
+    ),
     "unknown task": ("infer", lambda p: None, "no task 'wipe'"),
 }  # fmt: skip
 

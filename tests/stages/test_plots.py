@@ -49,7 +49,7 @@ def dvc(folder: Path, *words: str) -> str:
 
 @pytest.fixture
 def compared(tmp_path: Path) -> Path:
-    """A repository with our DVC settings whose one stage ran with two settings, kept as the experiments `one` and `two`."""
+    """A repository with our DVC settings whose one stage ran with two settings, as the experiments `one` and `two`."""
     (tmp_path / "dvc.yaml").write_text(SMALL)
     (tmp_path / "params.yaml").write_text("shown: one\n")
     for size, name in enumerate(("one", "two"), start=1):

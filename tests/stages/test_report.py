@@ -85,7 +85,8 @@ def test_a_browser_shows_all_of_it_and_fetches_nothing(reported: Project, tmp_pa
         with socket.create_server(("127.0.0.1", 0)) as listener:
             listener.setblocking(False)
             address = f"http://127.0.0.1:{listener.getsockname()[1]}/x.png"
-            put = f"const i = new Image(); i.onload = () => done('loaded'); i.onerror = () => done('refused'); i.src = '{address}'"
+            listen = "i.onload = () => done('loaded'); i.onerror = () => done('refused')"
+            put = f"const i = new Image(); {listen}; i.src = '{address}'"
             assert page.ask(f"new Promise(done => {{ {put} }})") == "refused"
             with pytest.raises(BlockingIOError):
                 listener.accept()

@@ -130,7 +130,8 @@ def test_the_lab_recordings(shared: Path, make_project: Make, parameters: dict[s
     parameters["tasks"] = {
         "given": {
             "scene": str(root / "datasets" / "scenes" / "laptop.xml"), "end_effector": "j2s7s300_link_7",
-            "surface": "table_top", "recordings": "lab", "anchor": "demonstration", "preferences": terms, "thetas": "grid",
+            "surface": "table_top", "recordings": "lab", "anchor": "demonstration", "preferences": terms,
+            "thetas": "grid",
             "features": terms | {"laptop": {"kind": "proximity", "object": "laptop", "radius_m": 0.4}},
         }
     }  # fmt: skip
@@ -194,8 +195,14 @@ SETTINGS: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
         lambda r: r["samplers"]["near"].update(reach_rad=1),
         "sampler of kind deformation takes width_rad alone, got reach_rad, width_rad",
     ),
-    "unknown part": (lambda r: r["samplers"]["both"].update(of=["near", "mine"]), r"both\.of names 'mine'; .*far, near"),
-    "mixture of mixtures": (lambda r: r["samplers"].update(x={"kind": "mixture", "of": ["near", "both"]}), "names 'both'"),
+    "unknown part": (
+        lambda r: r["samplers"]["both"].update(of=["near", "mine"]),
+        r"both\.of names 'mine'; .*far, near",
+    ),
+    "mixture of mixtures": (
+        lambda r: r["samplers"].update(x={"kind": "mixture", "of": ["near", "both"]}),
+        "names 'both'",
+    ),
     "misspelt": (lambda r: r["samplers"]["near"].update(width=1), "samplers.near.width.*did you mean 'width_rad'"),
     "more copied than there are": (lambda r: r["duplicates"].update(copied=21), "copied is 21; a set has 20"),
     "twice": (lambda r: r.update(bandwidth_factors=[1, 1.0]), "bandwidth_factors lists a value twice"),

@@ -22,7 +22,8 @@ YAML_12 = YAML(typ="safe", pure=True)
 LITTER = (
     "pipeline/choice/.models.py.swp", "pipeline/choice/models.py~", "pipeline/.idea/x.xml", "pipeline/.vscode/x.json",
     "pipeline/choice/.DS_Store", "pipeline/choice/.ipynb_checkpoints/models.py", "schemas/#features.toml#",
-    "datasets/robots/.#jaco2.xml", "datasets/scenes/parts/Thumbs.db", "datasets/table/tables/.posteriors.parquet.partial",
+    "datasets/robots/.#jaco2.xml", "datasets/scenes/parts/Thumbs.db",
+    "datasets/table/tables/.posteriors.parquet.partial",
     "datasets/table/recordings/.DS_Store",
 )  # fmt: skip
 

@@ -49,14 +49,17 @@ PARAMETERS: dict[str, Any] = {
             "surface": "floor",
             "recordings": "mine",
             "anchor": "task",
-            "features": {"effort": {"kind": "efficiency"}, "vase": {"kind": "proximity", "object": "vase", "radius_m": 0.5}},
+            "features": {
+                "effort": {"kind": "efficiency"},
+                "vase": {"kind": "proximity", "object": "vase", "radius_m": 0.5},
+            },
             "preferences": {"effort": {"kind": "efficiency"}, "lift": {"kind": "height"}},
             "thetas": "grid",
         }
     },
     "simulate": {
-        "participants": 3, "spread_rad": 0.1, "skill": [0.5, 0.9], "topic": "/joint_states", "extra_joints": ["gripper"],
-        "weights": {"sweep": {"effort": 1.0, "lift": 0.5}},
+        "participants": 3, "spread_rad": 0.1, "skill": [0.5, 0.9], "topic": "/joint_states",
+        "extra_joints": ["gripper"], "weights": {"sweep": {"effort": 1.0, "lift": 0.5}},
     },
     "ingest": {"waypoints": 15, "idle_rad": 0.01, "on_rejected": "stop"},
     "sample": {

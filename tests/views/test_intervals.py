@@ -68,8 +68,9 @@ def test_every_theta_has_words_of_its_own() -> None:
 
 def hypotheses(supported: bool, p: float | None) -> pl.DataFrame:
     row = {
-        "hypothesis": "H3", "sampling_model": "less", "expected": "less", "other": "boltzmann", "posterior_expected": 0.6,
-        "posterior_other": 0.4, "posterior_p_value": 1e-9, "match_expected": 0.7, "match_other": 0.4, "match_p_value": p,
+        "hypothesis": "H3", "sampling_model": "less", "expected": "less", "other": "boltzmann",
+        "posterior_expected": 0.6, "posterior_other": 0.4, "posterior_p_value": 1e-9, "match_expected": 0.7,
+        "match_other": 0.4, "match_p_value": p,
         "supported": supported,
     }  # fmt: skip
     return pl.DataFrame([row])

@@ -128,7 +128,7 @@ def _table(answer: Answer, wanted: Wanted, on_terminal: bool) -> Iterator[str]:
 
 
 def _count(frames: Iterator[pl.DataFrame], count: int) -> tuple[int, bool]:
-    """How many rows there are with those to come, and whether these are all: some questions have answers without end."""
+    """How many rows there are with those to come, and whether these are all: some answers have no end."""
     until = time.monotonic() + COUNTING_S
     for frame in frames:
         count += frame.height

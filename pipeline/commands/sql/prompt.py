@@ -29,7 +29,8 @@ MEANINGS = """select column_name as "column", data_type as type, comment as mean
 MORE = "`.rows {rows}` shows more, `.once answer.csv` writes all of the next answer"
 KEYWORDS = (
     "select", "from", "where", "group by", "order by", "limit", "join", "left join", "using", "on", "and", "or", "not",
-    "as", "distinct", "count", "avg", "sum", "min", "max", "median", "round", "filter", "having", "desc", "with", "pivot",
+    "as", "distinct", "count", "avg", "sum", "min", "max", "median", "round", "filter", "having", "desc", "with",
+    "pivot",
     "describe", "summarize",
 )  # fmt: skip
 COMMANDS = {

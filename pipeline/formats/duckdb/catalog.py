@@ -1,7 +1,7 @@
 """The DuckDB catalog: every table of every task in one file that any DuckDB client from 1.0 on opens.
 
-No path, no folder and no text of a file reaches DuckDB as SQL. Tables are read and checked here, row group by row group,
-and handed over in memory; the connection that takes them can reach no file but its own.
+No path, no folder and no text of a file reaches DuckDB as SQL. Tables are read and checked here, row group by row
+group, and handed over in memory; the connection that takes them can reach no file but its own.
 """
 
 from __future__ import annotations
@@ -143,9 +143,9 @@ def _check_names(table: OpenTable, names: Sequence[str], listed: Set[str]) -> No
     for name in names:
         if not _FURTHER.fullmatch(name) or name.lower() in seen:
             raise TableError(
-                f"{table.path}: table {table.contract.name!r} has a column {name!r}; beside the columns of its schema only "
-                "names of features are allowed, which are letters, digits and underscores and do not differ in case alone; "
-                "make it again with `dvc repro`"
+                f"{table.path}: table {table.contract.name!r} has a column {name!r}; beside the columns of its schema "
+                "only names of features are allowed, which are letters, digits and underscores and do not differ in "
+                "case alone; make it again with `dvc repro`"
             )
         seen.add(name.lower())
 
@@ -195,7 +195,8 @@ def _stated(source: SourceFile) -> tuple[list[object], Mapping[str, str]]:
             sound &= value is None or isinstance(value, str)
     if not sound or not isinstance(made_from, Mapping):
         raise TableError(
-            f"{source.file}: what its metadata says of its making is not what a stage writes; make it again with `dvc repro`"
+            f"{source.file}: what its metadata says of its making is not what a stage writes; make it again with "
+            "`dvc repro`"
         )
     return made_by, made_from
 

@@ -1,7 +1,7 @@
 """The files of databases, whatever their folders are called and whatever lies beside them.
 
-DuckDB takes what follows a `?` anywhere in a path for options. And it reads `NAME.wal` beside the file `NAME` as a part of
-it: one that another program left behind keeps the database from being opened, or adds to what is in it.
+DuckDB takes what follows a `?` anywhere in a path for options. And it reads `NAME.wal` beside the file `NAME` as a part
+of it: one that another program left behind keeps the database from being opened, or adds to what is in it.
 """
 
 from __future__ import annotations

@@ -144,8 +144,8 @@ def _require_question(con: duckdb.DuckDBPyConnection, sql: str) -> None:
     kind = statements[0].type
     if kind not in asking:
         raise QueryError(
-            f"the question is a statement of kind {kind.name}, which would do more than ask; write a select, for example "
-            "`from best_hypothesis`"
+            f"the question is a statement of kind {kind.name}, which would do more than ask; write a select, for "
+            "example `from best_hypothesis`"
         )
 
 

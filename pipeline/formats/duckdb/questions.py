@@ -73,7 +73,7 @@ class Answer:
 
 @contextmanager
 def asked(path: Path, sql: str, time_limit_s: float = TIME_LIMIT_S) -> Iterator[Answer]:
-    """Ask the catalog, which cannot be changed by it; what is not taken of the answer until the block ends is not computed.
+    """Ask the catalog, which this cannot change; what is not taken of the answer until the block ends is not computed.
 
     The connection is read-only, and reaches no file, network, extension or setting whatever the question says; its time
     and memory are those of a process that can be ended. Only waiting for rows counts as time, and not what is done with

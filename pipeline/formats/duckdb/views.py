@@ -1,4 +1,4 @@
-"""The views of the catalog: answers to the questions that people ask, each with what it says and what its columns are."""
+"""The views of the catalog: answers to questions that people ask, each with what it says and what its columns are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Links that lead out of a project: whoever made the project may have put them there, so nothing is written through one."""
+"""Links that lead out of a project: whoever made it may have put them there, so nothing is written through one."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def require_inside(path: Path, *, opened: bool = False) -> None:
             reached = path if opened else path.parent
             if not _resolved(reached).is_relative_to(_resolved(project)):
                 raise StageError(
-                    f"{path}: a link leads from here out of the project, so nothing was written; remove the link and run "
-                    "it again"
+                    f"{path}: a link leads from here out of the project, so nothing was written; remove the link and "
+                    "run it again"
                 )
             if opened and path.exists() and not (path.is_file() and path.stat().st_nlink == 1):
                 raise StageError(f"{path}: is no file of its own, so nothing was written; remove it and run it again")

@@ -1,7 +1,7 @@
 """Tables that refer to one another, as their schemas say: rows whose counterpart is missing are found and named.
 
-A first pass over the tables tells whether any is missing: where every row of one must have a row of the other, from sums
-of hashes of the keys, else from the distinct keys. Only if one is missing are the tables read again, to name it.
+A first pass over the tables tells whether any is missing: where every row of one must have a row of the other, from
+sums of hashes of the keys, else from the distinct keys. Only if one is missing are the tables read again, to name it.
 """
 
 from __future__ import annotations

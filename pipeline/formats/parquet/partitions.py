@@ -92,7 +92,7 @@ class SetIndex:
 
 
 def runs(number: int, part: pl.DataFrame, columns: Sequence[str]) -> Iterator[tuple[tuple[Any, ...], Piece]]:
-    """Rows of a part that follow each other with the same values in some columns: these values, and where the rows are."""
+    """Runs of rows with the same values in some columns: these values, and where in the part the rows are."""
     firsts = (
         part.lazy()
         .select(*columns, row=pl.int_range(pl.len()), run=pl.struct(columns).rle_id())

@@ -1,4 +1,4 @@
-"""Tables for the jobs of a fold, which may be computed on another machine: opened once in each process that reads them."""
+"""Tables for the jobs of a fold, which may run on another machine: opened once in each process that reads them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Parquet tables that follow a schema of `schemas/`: checked and written whole or not at all.
 
-A table too large for memory is written and read in parts, which are the row groups of its one file; see `open_table` for
-how it is read.
+A table too large for memory is written and read in parts, which are the row groups of its one file; see `open_table`
+for how it is read.
 """
 
 from __future__ import annotations
@@ -89,8 +89,8 @@ class TableWriter:
             )  # fmt: skip
         elif arrow.schema != self._file.schema:
             raise TableError(
-                f"{self._path}: a part of table {self._contract.name!r} has the columns {', '.join(arrow.schema.names)} "
-                "in types or lengths that are not those of the first part"
+                f"{self._path}: a part of table {self._contract.name!r} has the columns "
+                f"{', '.join(arrow.schema.names)} in types or lengths that are not those of the first part"
             )
         self._keys.add(part)
         self._file.write_table(arrow)
@@ -149,7 +149,8 @@ def read_column(path: Path, name: str, named_by: str) -> list[Any]:
         with pa.OSFile(os.fsencode(path)) as stream, pq.ParquetFile(stream) as file:
             if name not in file.schema_arrow.names:
                 raise StageError(
-                    f"{path}: has no column `{name}`; it has {', '.join(file.schema_arrow.names)}; {named_by} names the file"
+                    f"{path}: has no column `{name}`; it has {', '.join(file.schema_arrow.names)}; {named_by} names "
+                    "the file"
                 )
             values: list[Any] = file.read(columns=[name]).column(name).to_pylist()
     except FileNotFoundError:

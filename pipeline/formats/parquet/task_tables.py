@@ -1,4 +1,4 @@
-"""The tables of a task that a stage reads: each is opened once, checked and indexed in one pass, and read from then on."""
+"""The tables of a task that a stage reads: each is opened once, then checked and indexed in one pass."""
 
 from __future__ import annotations
 

@@ -71,8 +71,8 @@ class Remote:
             deserted = deserted or time.monotonic()
             if time.monotonic() - deserted > _STARTING_S:
                 raise StageError(
-                    f"the scheduler {self.scheduler} has lost all of its workers, and none has come for {_STARTING_S} s; start "
-                    "workers and run this again, or set compute.scheduler to null"
+                    f"the scheduler {self.scheduler} has lost all of its workers, and none has come for {_STARTING_S} "
+                    "s; start workers and run this again, or set compute.scheduler to null"
                 )
 
     @contextmanager
@@ -85,8 +85,9 @@ class Remote:
             yield
         except (KilledWorker, FutureCancelledError, CommClosedError) as error:
             raise StageError(
-                f"the cluster of {self.scheduler} gave up ({type(error).__name__}: {' '.join(str(error).split())}); its logs "
-                "say why, most often a worker had too little memory for compute.partition and compute.memory_gb; then run this again"
+                f"the cluster of {self.scheduler} gave up ({type(error).__name__}: {' '.join(str(error).split())}); "
+                "its logs say why, most often a worker had too little memory for compute.partition and "
+                "compute.memory_gb; then run this again"
             ) from None
 
     def cancel(self) -> Any:
@@ -99,7 +100,7 @@ Call: TypeAlias = Callable[..., Remote]
 
 @contextmanager
 def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
-    """How many cores there are now, and how to begin a call of a function with any arguments, results under way among them.
+    """How many cores there are now, and how to begin a call of a function, which may take results that are under way.
 
     Raises:
         StageError: the scheduler cannot be reached, has no workers, or is lost.
@@ -108,15 +109,15 @@ def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
         from distributed import Client
     except ImportError:
         raise StageError(
-            f"the scheduler {scheduler} is named and the package `distributed` is not installed; install lessbench with "
-            "its extra `cluster`, or set compute.scheduler to null"
+            f"the scheduler {scheduler} is named and the package `distributed` is not installed; install lessbench "
+            "with its extra `cluster`, or set compute.scheduler to null"
         ) from None
     try:
         client = Client(scheduler, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise StageError(
-            f"the scheduler {scheduler} cannot be reached ({' '.join(str(error).split())}); start it, name another one, or "
-            "set compute.scheduler to null"
+            f"the scheduler {scheduler} cannot be reached ({' '.join(str(error).split())}); start it, name another "
+            "one, or set compute.scheduler to null"
         ) from None
     program = fingerprint()
 
@@ -132,8 +133,8 @@ def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
             client.wait_for_workers(1, timeout=_STARTING_S)
         except TimeoutError:
             raise StageError(
-                f"the scheduler {scheduler} has had no worker for {_STARTING_S} s; start workers, or set compute.scheduler "
-                "to null"
+                f"the scheduler {scheduler} has had no worker for {_STARTING_S} s; start workers, or set "
+                "compute.scheduler to null"
             ) from None
         yield lambda: max(sum(client.nthreads().values()), 1), call
 
@@ -142,8 +143,8 @@ def _checked(program: str, function: Callable[..., Any], *arguments: Any) -> Any
     """On a worker: the function of its arguments, by the program that the stage is of."""
     if fingerprint() != program:
         raise StageError(
-            "a worker of the cluster has another version of lessbench, NumPy, SciPy, FINUFFT or MuJoCo than this machine; "
-            "start the workers from the same environment"
+            "a worker of the cluster has another version of lessbench, NumPy, SciPy, FINUFFT or MuJoCo than this "
+            "machine; start the workers from the same environment"
         )
     return function(*arguments)
 

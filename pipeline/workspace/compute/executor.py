@@ -1,8 +1,9 @@
-"""Folds over parts: a pure function of each part, on this machine's cores or on a cluster, its results in a fixed order.
+"""Folds over parts: a pure function of each part, on this machine or on a cluster, its results in a fixed order.
 
-What is submitted is a function of a module and a small record: names of files, numbers of parts, parameters. Results are
-used in the order of the parts, or merged in pairs as a tree whose shape depends on their number alone, so the number of
-threads, workers or failures changes no bit. Large results, as sketches are, meet on the workers; the last one comes here.
+What is submitted is a function of a module and a small record: names of files, numbers of parts, parameters. Results
+are used in the order of the parts, or merged in pairs as a tree whose shape depends on their number alone, so the
+number of threads, workers or failures changes no bit. Large results, as sketches are, meet on the workers; the last one
+comes here.
 """
 
 from __future__ import annotations

@@ -140,9 +140,9 @@ def _require_streamed(models: Sequence[str], one: SetRows, partition: int) -> No
     for label in models:
         if label not in STREAMED_MODELS:
             raise StageError(
-                f"infer.models lists {label}, which compares every alternative with all others, and the set {one.set_id!r} "
-                f"of {one.rows:,} is larger than compute.partition ({partition:,}); leave that model out, or make the "
-                "partition larger"
+                f"infer.models lists {label}, which compares every alternative with all others, and the set "
+                f"{one.set_id!r} of {one.rows:,} is larger than compute.partition ({partition:,}); leave that model "
+                "out, or make the partition larger"
             )
 
 

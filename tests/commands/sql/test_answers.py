@@ -32,7 +32,8 @@ def catalog(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("catalog")
     table = pl.DataFrame(
         {
-            "task": "a", "demonstration_id": "d", "participant": "[red]p[/]", "model": "less", "set_size": 10, "set_id": "00",
+            "task": "a", "demonstration_id": "d", "participant": "[red]p[/]", "model": "less", "set_size": 10,
+            "set_id": "00",
             "theta_id": [0, 1], "theta": pl.Series(np.eye(2)), "beta": 1.0, "log_posterior": np.log([0.25, 0.75]),
             "posterior": [0.25, 0.75],
         }

@@ -1,4 +1,4 @@
-"""Questions that want to write, read files, reach the network, or take all time and memory: one sentence, nothing done."""
+"""Questions that want to write, read files, reach the network, or take all time and memory: one sentence each."""
 
 from __future__ import annotations
 

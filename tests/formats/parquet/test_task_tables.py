@@ -37,7 +37,8 @@ def densities(first: int, count: int) -> pl.DataFrame:
     values = np.arange(first, first + count, dtype=float)
     return pl.DataFrame(
         {
-            "anchor": "task", "set_size": SIZE, "set_id": "working", "alternative_id": ids(first, count), "bandwidth": 0.1,
+            "anchor": "task", "set_size": SIZE, "set_id": "working", "alternative_id": ids(first, count),
+            "bandwidth": 0.1,
             "rows_scored": None, "bandwidth_error": None, "engine": "exact", "log_density": values,
         },
         schema_overrides={"rows_scored": pl.Int64, "bandwidth_error": pl.Float64},
@@ -88,7 +89,8 @@ def test_one_pass_reads_each_column_that_is_needed_once(
         tables.check(whole=["densities"])
         keys = ("kind", "id", "anchor", "set_size", "set_id")
         assert read == [
-            ("features", 0, keys), ("features", 1, keys), ("densities", 0, tuple(column.name for column in schema("densities").columns)),
+            ("features", 0, keys), ("features", 1, keys),
+            ("densities", 0, tuple(column.name for column in schema("densities").columns)),
         ]  # fmt: skip
         tables["densities"].read()
         assert len(read) == 3

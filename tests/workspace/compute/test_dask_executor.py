@@ -1,4 +1,4 @@
-"""The folds of the stages on a real cluster of processes, one of which is killed half way: the same bytes as without it."""
+"""The folds of the stages on a real cluster of processes, one of which is killed half way: bytes as without that."""
 
 from __future__ import annotations
 

@@ -114,8 +114,8 @@ def check_keys(table: pl.DataFrame, contract: TableSchema, path: Path, first: in
     if repeated.any():
         place = int(repeated.arg_max() or 0)
         raise TableError(
-            f"{path}: table {contract.name!r} has more than one row for {keys.row(place, named=True)}, the first is row "
-            f"{first + place + 1}; each row is {contract.row}"
+            f"{path}: table {contract.name!r} has more than one row for {keys.row(place, named=True)}, the first is "
+            f"row {first + place + 1}; each row is {contract.row}"
         )
 
 
@@ -162,7 +162,8 @@ def _check_column(table: pl.DataFrame, name: str, column: Column, path: Path, fi
         values = values.explode()
         if not column.nullable and values.null_count():
             raise TableError(
-                f"{path}: column {name!r} has a gap within row {_row(values.is_null(), table, first)}, which it may not have"
+                f"{path}: column {name!r} has a gap within row {_row(values.is_null(), table, first)}, which it may "
+                "not have"
             )
     if column.scalar in ("float", "double"):
         if not values.dtype.is_numeric():

@@ -1,4 +1,4 @@
-"""No key may be in two parts of a table: told from the ends of each run of keys, so that not every key is remembered."""
+"""No key may be in two parts of a table. Only the ends of each run of keys are remembered, not every key."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ class OpenTable:
         return values
 
     def read(self, columns: Sequence[str] | None = None, where: pl.Expr | None = None) -> pl.DataFrame:
-        """All rows, or those for which an expression over columns is true; of parts without such rows little is read."""
+        """All rows, or those for which `where` is true; of parts without such rows only its columns are read."""
         import polars as pl
 
         wanted = self.columns if columns is None else tuple(columns)
@@ -226,7 +226,7 @@ class OpenTable:
             self._keys_checked.add(number)
 
     def _raw(self, number: int, names: Sequence[str]) -> pa.Table:
-        """Columns of a part as they are in the file, their texts and arrays valid, as other libraries take for granted."""
+        """Columns of a part as they are in the file; texts and arrays are validated, as others do not."""
         import pyarrow as pa
 
         try:
