@@ -30,8 +30,9 @@ ROWS = PARTITIONS * PARTITION  # of a part
 PARTS = COUNT // ROWS
 SCORED, SOME = 4000, 1000  # rows that are scored, and those that say about where
 TABLES = ("alternatives", "features", "densities")
-# how often the stages read the keys of each table, all together: calls of `read_part` by featurize, density and infer, counted
-READ = {"alternatives": 1, "features": 5, "densities": 4}
+# how often featurize, density and infer themselves read the keys of each table, not counting their workers: one pass of
+# each that checks them, and one of density that copies them into its table
+READ = {"alternatives": 1, "features": 3, "densities": 1}
 EACH = ROWS * -(-PARTS // CORES)  # rows that one core goes through
 EVERY, ALONE = "each core", "the stage"
 WIDEST = 0.075  # bandwidth that is tried first: about sqrt(2) times the best of 1000 rows

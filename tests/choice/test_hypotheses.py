@@ -1,12 +1,16 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pipeline.choice import theta_grid
 from pipeline.errors import ArgumentError
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def test_nineteen_cost_directions_of_three_features() -> None:
@@ -17,6 +21,19 @@ def test_nineteen_cost_directions_of_three_features() -> None:
     assert len(np.unique(thetas.round(9), axis=0)) == 19
     np.testing.assert_array_equal(thetas[0], [0, 0, -1])
     assert not np.signbit(thetas[0, 0])
+
+
+@pytest.mark.parametrize("features", range(1, 9))
+def test_the_default_grid_has_as_many_directions_as_the_docs_say(features: int) -> None:
+    count = len(theta_grid([[0, 0.5, 1]] * features))
+    assert count == 3**features - 2**features
+    (listed,) = re.findall(r"That is ([\d, and]+) for one to eight features", (DOCS / "method.md").read_text())
+    assert int(re.split(r", | and ", listed)[features - 1].replace(",", "")) == count
+    for row in re.findall(r"(?m)^\| (\d) \| ([\d,]+) \| ([\d,]+) \| ", (DOCS / "scale.md").read_text()):
+        number, thetas, rows = (int(cell.replace(",", "")) for cell in row)
+        if number == features:
+            assert thetas == count
+            assert rows == count * 9 * 51 * 2 * 21  # betas, sets, models, 20 demonstrations and all together
 
 
 def test_grid_world_directions_and_rewards() -> None:

@@ -120,14 +120,16 @@ def _posterior_rows(
 ) -> pl.DataFrame:
     people = problem.demonstrations
     r, g, k = marginals.shape
+    of = np.tile(np.repeat(np.arange(g), k), r)
+    # gathered, the rows share their texts, which they would each have a copy of if numpy repeated them
     return pl.DataFrame(
         {
             "regime": regime,
             "model": model,
             "set_size": np.int64(size),
-            "set_id": np.repeat([sets.set_id for sets in samplings], g * k),
-            "demonstration_id": np.tile(np.repeat([*people.ids, ALL], k), r),
-            "participant": np.tile(np.repeat([*people.participants, ALL], k), r),
+            "set_id": pl.Series([sets.set_id for sets in samplings]).gather(np.repeat(np.arange(r), g * k)),
+            "demonstration_id": pl.Series([*people.ids, ALL]).gather(of),
+            "participant": pl.Series([*people.participants, ALL]).gather(of),
             "theta_id": np.tile(np.arange(k), r * g),
             "theta": np.tile(problem.thetas, (r * g, 1)),
             "log_posterior": marginals.ravel(),

@@ -87,9 +87,8 @@ class OpenTable:
         self.lengths = check_file_schema(columns, self.contract, path)
         self.columns: tuple[str, ...] = tuple(columns.names)
         self.key_columns = frozenset(name for name in self.columns if name in (*self.contract.key, *GROUPS))
-        self.parts: tuple[int, ...] = tuple(
-            metadata.row_group(number).num_rows for number in range(metadata.num_row_groups)
-        )
+        groups = range(metadata.num_row_groups)  # a file may have none, which makes one part without rows
+        self.parts: tuple[int, ...] = tuple(metadata.row_group(number).num_rows for number in groups) or (0,)
         self.provenance = stored_provenance(columns.metadata, path)
 
     @property
@@ -230,7 +229,10 @@ class OpenTable:
         import pyarrow as pa
 
         try:
-            part = self._file.read_row_group(number, columns=list(names)).select(list(names))
+            if self._file.metadata.num_row_groups:
+                part = self._file.read_row_group(number, columns=list(names)).select(list(names))
+            else:
+                part = self._file.schema_arrow.empty_table().select(list(names))
             part.validate(full=True)
         except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
             raise _unreadable(self.path, error) from None

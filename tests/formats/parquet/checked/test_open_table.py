@@ -16,6 +16,7 @@ from pipeline.errors import TableError
 from pipeline.formats.parquet.checked import kept_columns
 from pipeline.formats.parquet.checked.open_table import OpenTable, Piece
 from pipeline.formats.parquet.tables import table_writer, write_table
+from pipeline.formats.parquet.task_tables import TaskTables
 
 PARTS, ROWS = 4, 30
 
@@ -135,6 +136,17 @@ def test_a_path_is_that_of_one_file_whatever_is_in_its_name(tmp_path: Path, fold
         write_table(decoy / "features.parquet", "features", features(1), {})
     with OpenTable(path, "features") as table:
         assert table.read().equals(features(0))
+
+
+def test_a_file_without_a_single_row_group_is_a_table_without_rows(path: Path) -> None:
+    with pq.ParquetWriter(path, pq.read_schema(path)):
+        pass
+    assert pq.read_metadata(path).num_row_groups == 0
+    with TaskTables({"features": path}) as tables:
+        tables.check()
+        assert tables["features"].read().equals(features(0).clear())
+        assert tables["features"].read(["a"], where=pl.col("b") > 0).columns == ["a"]
+        assert tables.contents("features").sets == ()
 
 
 def test_a_name_that_is_no_valid_text_can_be_opened(tmp_path: Path) -> None:
