@@ -34,7 +34,10 @@ from pipeline.workspace.scenes import load_task_scene
 
 TOLERANCE = 1e-9  # of a replayed value, relative to the largest of its kind: other processors round otherwise
 DENSITY_TOLERANCE = 1e-6  # of a log density: large sets are summed to a stated error
-QUESTION, SET = ("model", "demonstration_id", "participant"), ("set_size", "set_id")  # of a posterior
+QUESTION, SET = ("model", "demonstration_id", "participant"), ("set_size", "set_id")  # what a posterior is of
+Question = tuple[str, str, str]
+SetName = tuple[int, str]
+HYPOTHESES = ("theta_id", "theta", "beta", "log_posterior", "posterior")
 REPLAYED = 20_000  # alternatives in a set, at most, for it to be in the sample
 
 
@@ -213,26 +216,29 @@ def _replay_posteriors(
         if question + which not in where:
             found.drift.append(f"{said} is missing")
             continue
-        columns = ["theta_id", "theta", "beta", "log_posterior", "posterior"]
-        stored = pl.concat(tables["posteriors"].pieces(where[question + which], columns)).sort("theta_id", "beta")
-        model, *asked = question
-        chosen = _of(people, *asked)
-        thetas = np.array(stored.unique("theta_id", maintain_order=True)["theta"].to_list())
-        betas = np.sort(stored["beta"].unique().to_numpy())
-        total = np.zeros((len(thetas), len(betas)))
-        for alternatives, kernel, of in _choice_sets(found, project, tables, which, anchors[which], chosen):
-            values = log_likelihood(choice_model(model, kernel), of, alternatives, thetas, betas)
-            total += values.sum(axis=0)
-        replayed = posterior_from(total, thetas, betas).log_probability.ravel()
+        rows = pl.concat(tables["posteriors"].pieces(where[question + which], HYPOTHESES)).sort("theta_id", "beta")
+        again = _posterior_again(found, project, tables, people, question, which, anchors[which], rows)
         found.posteriors += 1
-        for column, again in (("log_posterior", replayed), ("posterior", np.exp(replayed))):
-            wrong = _different(stored[column].to_numpy(), again, TOLERANCE)
-            if wrong:
-                theta, beta = stored["theta_id"][wrong[0]], stored["beta"][wrong[0]]
+        for column, values in (("log_posterior", again), ("posterior", np.exp(again))):
+            for row in _different(rows[column].to_numpy(), values, TOLERANCE)[:1]:
                 found.drift.append(
-                    f"{said}: {column} of theta {theta}, beta {beta:g} is {stored[column][wrong[0]]!r}, and "
-                    f"{float(again[wrong[0]])!r} when computed again"
+                    f"{said}: {column} of theta {rows['theta_id'][row]}, beta {rows['beta'][row]:g} is "
+                    f"{rows[column][row]!r}, and {float(values[row])!r} when computed again"
                 )
+
+
+def _posterior_again(
+    found: Verified, project: Project, tables: TaskTables, people: pl.DataFrame, question: Question, which: SetName,
+    anchors: list[str], rows: pl.DataFrame,
+) -> FloatArray:  # fmt: skip
+    """(K B,) log posterior over the hypotheses of the stored rows, which are in order."""
+    model, *asked = question
+    thetas = np.array(rows.unique("theta_id", maintain_order=True)["theta"].to_list())
+    betas = np.sort(rows["beta"].unique().to_numpy())
+    total = np.zeros((len(thetas), len(betas)))
+    for alternatives, kernel, of in _choice_sets(found, project, tables, which, anchors, _of(people, *asked)):
+        total += log_likelihood(choice_model(model, kernel), of, alternatives, thetas, betas).sum(axis=0)
+    return posterior_from(total, thetas, betas).log_probability.ravel()
 
 
 def _places(table: OpenTable, columns: Sequence[str]) -> dict[tuple[Any, ...], list[Piece]]:
@@ -244,9 +250,9 @@ def _places(table: OpenTable, columns: Sequence[str]) -> dict[tuple[Any, ...], l
     return places
 
 
-def _anchors(densities: OpenTable) -> dict[tuple[int, str], list[str]]:
+def _anchors(densities: OpenTable) -> dict[SetName, list[str]]:
     """By size and number, the anchors of the sets that are small enough to be computed again."""
-    anchors: dict[tuple[int, str], list[str]] = {}
+    anchors: dict[SetName, list[str]] = {}
     for size, set_id, anchor in _places(densities, (*SET, "anchor")):
         if size <= REPLAYED:
             anchors.setdefault((size, set_id), []).append(anchor)
@@ -254,7 +260,7 @@ def _anchors(densities: OpenTable) -> dict[tuple[int, str], list[str]]:
 
 
 def _choice_sets(
-    found: Verified, project: Project, tables: TaskTables, which: tuple[int, str], anchors: list[str], chosen: list[str]
+    found: Verified, project: Project, tables: TaskTables, which: SetName, anchors: list[str], chosen: list[str]
 ) -> Iterator[tuple[FloatArray, float, FloatArray]]:
     """Per anchor that some of the chosen demonstrations have: alternatives (N, F), bandwidth, demonstrations (n, F)."""
     features, densities, scales = tables["features"], tables["densities"], tables["scales"].read()
