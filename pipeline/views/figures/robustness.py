@@ -218,7 +218,8 @@ def sensitivity_figure(
             if table is summary:
                 ax.set_xscale("log")
                 largest = rows.select(pl.max_horizontal(pl.col("value", "high").max())).item()
-                ax.set_xlim(2 * largest / 10**_DECADES, 2 * largest)
+                if largest > 0:
+                    ax.set_xlim(2 * largest / 10**_DECADES, 2 * largest)
             _settings(ax, rows, settings, models)
             ax.set_xlabel(_KL if table is summary else "entropy (nat)")
             ax.set_title(REGIMES[regime])

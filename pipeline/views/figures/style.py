@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib import style
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure  # every other module takes it from here
@@ -93,6 +94,11 @@ def in_style(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 def _settle(figure: Figure) -> None:
     """Lay out once and round: the layout's solver visits its variables by address, so its last digits change."""
+    for axes in figure.axes:  # a logarithmic axis needs a value above zero; KLAggregate of one hypothesis is 0
+        if axes.get_xscale() == "log" and not np.isfinite(axes.dataLim.minposx):
+            axes.set_xscale("linear")
+        if axes.get_yscale() == "log" and not np.isfinite(axes.dataLim.minposy):
+            axes.set_yscale("linear")
     figure.draw_without_rendering()
     with mpl.rc_context({"figure.constrained_layout.use": False}):
         figure.set_layout_engine(None)  # with a placeholder for it, each saving would draw the figure twice
