@@ -100,13 +100,11 @@ def body_poses(scene: Scene, waypoints: FloatArray) -> tuple[FloatArray, FloatAr
             f"waypoints must be (M, {len(scene.joints)}), one column for each of {', '.join(scene.joints)}; "
             f"got shape {waypoints.shape}."
         )
-    model, data = scene.model, mujoco.MjData(scene.model)
-    data.qpos[:] = scene.home
+    model, data = scene.model, scene.rig.data()
     positions = np.empty((len(waypoints), model.nbody, 3))
     quaternions = np.empty((len(waypoints), model.nbody, 4))
     for row, configuration in enumerate(waypoints):
-        data.qpos[scene.qpos_addresses] = configuration
-        mujoco.mj_kinematics(model, data)
+        scene.rig.pose(data, configuration)
         positions[row], quaternions[row] = data.xpos, data.xquat
     return _frozen(positions), _frozen(quaternions)
 
