@@ -1,8 +1,9 @@
 """MuJoCo: scenes and name lookup, batched kinematic replay, the features of a trajectory."""
 
 from pipeline.replay.features import FeatureSet, bind_features, feature
-from pipeline.replay.replay import Motion, body_positions, clear_of, replay
+from pipeline.replay.replay import Motion, body_positions, replay
 from pipeline.replay.scene import Scene, load_scene, model_hash, scene_files
+from pipeline.replay.surface import clear_of
 
 __all__ = [
     "FeatureSet",

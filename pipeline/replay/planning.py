@@ -12,8 +12,9 @@ from pipeline.choice.scaling import feature_scale
 from pipeline.errors import StageError
 from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
-from pipeline.replay.replay import Surface, clear_of, replay
+from pipeline.replay.replay import replay
 from pipeline.replay.scene import Scene
+from pipeline.replay.surface import Surface, clear_of
 from pipeline.trajectories.optimise import Assess, Search
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.samplers import Deformation, Draw, Sampler, draw_admissible
