@@ -89,6 +89,7 @@ def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:
         "scene": file,
         "end_effector": scene.end_effector,
         "surface": scene.box_sites()[0] if len(scene.box_sites()) == 1 else None,
+        "collisions": False,
         "recordings": recordings,
         "anchor": DEMONSTRATION_ANCHOR if scene.start is None or scene.goal is None else TASK_ANCHOR,
         "features": terms,

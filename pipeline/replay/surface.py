@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -13,7 +14,7 @@ from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError
 from pipeline.replay.chain import Carried, weighted
 from pipeline.replay.geometry import colour
-from pipeline.replay.outline import Outline, outline
+from pipeline.replay.outline import Solid, dotted
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene
 
@@ -25,25 +26,25 @@ Sunk = tuple[IndexArray, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class _Load:
-    """Solids that one joint's frame carries, each a number of points with radii, in that frame.
+    """Solids that one joint's frame carries, in that frame.
 
     Attributes:
         frame: of the joint.
-        solids: points (P, 3) and radii (P,) m of each of S solids.
+        solids: S of them.
         centres, reaches: (S, 3) and (S,) m of a ball around each.
         ball: centre (3,) and reach m of a ball around them all.
     """
 
     frame: Carried
-    solids: tuple[Outline, ...]
+    solids: tuple[Solid, ...]
     centres: FloatArray
     reaches: FloatArray
     ball: tuple[FloatArray, float]
 
     @classmethod
-    def of(cls, joint: int, solids: list[Outline]) -> _Load:
+    def of(cls, joint: int, solids: list[Solid]) -> _Load:
         """The load of a joint of the chain."""
-        around = [_ball(points, radii) for points, radii in solids]
+        around = [_ball(solid.points, solid.radii) for solid in solids]
         centres, reaches = np.array([centre for centre, _ in around]), np.array([reach for _, reach in around])
         return cls(Carried(joint, _UNMOVED), tuple(solids), centres, reaches, _ball(centres, reaches))
 
@@ -109,25 +110,27 @@ class Surface:
         up, height = np.stack([weighted(vector, normal) for vector in frame[:3]]), weighted(frame[3], normal)
         centre, reach = load.ball
         rows = wanted(np.flatnonzero(weighted(up, centre, height) < self._top + reach))
-        low = load.centres @ up[:, rows] + height[rows] < self._top + load.reaches[:, None]
-        for (points, radii), near in zip(load.solids, low, strict=True):
-            some = wanted(rows[near])
-            if not some.size:
-                continue
-            depths = self._top - height[some] + radii[:, None] - points @ up[:, some]
-            deep = np.flatnonzero((depths > 0).any(axis=0))
-            some, depths = some[deep], depths[:, deep]
-            within = self._within(
-                np.stack(
-                    [
-                        points @ np.stack([vector[:, some].T @ axis for vector in frame[:3]])
-                        + (frame[3][:, some] - self._centre[:, None]).T @ axis
-                        for axis in self._axes[:, :2].T
-                    ]
-                )
-            )
-            deepest = np.where(within, depths, 0.0).max(axis=0)
-            yield some[deepest > 0], deepest[deepest > 0]
+        if not rows.size:
+            return
+        low = dotted(load.centres, up[:, rows]) + height[rows] < self._top + load.reaches[:, None]
+        for number in np.flatnonzero(low.any(axis=1)).tolist():
+            solid, some = load.solids[number], wanted(rows[low[number]])
+            some = some[height[some] - solid.reach(-up[:, some]) < self._top]
+            if some.size:
+                yield self._sunk(solid, [vector[:, some] for vector in frame], up[:, some], height[some], some)
+
+    def _sunk(
+        self, solid: Solid, frame: list[FloatArray], up: FloatArray, height: FloatArray, rows: IndexArray
+    ) -> Sunk:
+        """Of configurations that have part of a solid under the top, those that have it there within the extent."""
+        depths = self._top - height + solid.radii[:, None] - dotted(solid.points, up)
+        offset = frame[3] - self._centre[:, None]
+        places = [
+            dotted(solid.points, np.stack([weighted(vector, axis) for vector in frame[:3]])) + weighted(offset, axis)
+            for axis in self._axes[:, :2].T
+        ]
+        deepest = np.where(self._within(np.stack(places)), depths, 0.0).max(axis=0)
+        return rows[deepest > 0], deepest[deepest > 0]
 
     def _within(self, places: FloatArray) -> BoolArray:
         """Whether places (2, ...) in the surface's frame are within its extent."""
@@ -167,19 +170,19 @@ def carried_bodies(scene: Scene) -> list[int]:
     return sorted(found)
 
 
-def _links_and_loads(scene: Scene) -> tuple[list[Carried], list[_Load]]:
+@lru_cache(maxsize=8)
+def _links_and_loads(scene: Scene) -> tuple[tuple[Carried, ...], tuple[_Load, ...]]:
     """The bodies whose origins count, and the solids of what is carried, by the joint that carries it."""
     carried, links = set(carried_bodies(scene)), []
-    solids: dict[int, list[Outline]] = {}
+    solids: dict[int, list[Solid]] = {}
     for body in reversed(scene.moving_bodies().tolist()):
         place = scene.chain.bodies[body]
         if body not in carried:
             links.append(place)
             continue
-        for points, radii in _solids(scene.model, body):
-            there = points @ place.placement[:, :3].T + place.placement[:, 3]
-            solids.setdefault(place.joint, []).append((there, radii))
-    return links, [_Load.of(joint, solids[joint]) for joint in sorted(solids, reverse=True)]
+        for solid in _solids(scene.model, body):
+            solids.setdefault(place.joint, []).append(solid.seen_from(place.placement))
+    return tuple(links), tuple(_Load.of(joint, solids[joint]) for joint in sorted(solids, reverse=True))
 
 
 def _ball(points: FloatArray, radii: FloatArray) -> tuple[FloatArray, float]:
@@ -188,12 +191,12 @@ def _ball(points: FloatArray, radii: FloatArray) -> tuple[FloatArray, float]:
     return centre, float((np.linalg.norm(points - centre, axis=1) + radii).max())
 
 
-def _solids(model: Any, body: int) -> list[Outline]:
+def _solids(model: Any, body: int) -> list[Solid]:
     """A body's origin, its sites by theirs, and its geoms, but for those that can neither be seen nor touched."""
-    origins = [np.zeros((1, 3)), *model.site_pos[model.site_bodyid == body][:, None]]
+    origins = [np.zeros(3), *model.site_pos[model.site_bodyid == body]]
     geoms = [
         geom
         for geom in np.flatnonzero(model.geom_bodyid == body).tolist()
         if model.geom_contype[geom] or model.geom_conaffinity[geom] or colour(model, geom)[3] > 0
     ]
-    return [*((origin, np.zeros(1)) for origin in origins), *(outline(model, geom) for geom in geoms)]
+    return [*map(Solid.point, origins), *(Solid.of(model, geom) for geom in geoms)]

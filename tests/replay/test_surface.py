@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.errors import SceneError
 from pipeline.replay import clear_of, load_scene, replay
-from pipeline.replay.outline import outline
+from pipeline.replay.outline import Solid
 from pipeline.replay.surface import Surface, carried_bodies
 
 JOINTS = ["rail", "swing", "bow"]
@@ -135,7 +135,8 @@ def solid(tmp_path: Path, name: str):
 def test_an_outline_reaches_as_far_as_its_solid(tmp_path, name):
     """In every direction: never less far than MuJoCo's own distance to a plane says, and little further."""
     model = solid(tmp_path, name)
-    points, radii = outline(model, 0)
+    solid_of_geom = Solid.of(model, 0)
+    points, radii = solid_of_geom.points, solid_of_geom.radii
     size = np.ptp(points, axis=0).max() + 2 * radii.max()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -144,6 +145,8 @@ def test_an_outline_reaches_as_far_as_its_solid(tmp_path, name):
         reach = float((points @ direction + radii).max())
         exact = support(model, data, direction)
         assert -1e-6 <= reach - exact <= 0.03 * size
+        own = solid_of_geom.reach(direction[:, None])[0]
+        assert own == pytest.approx(exact, abs=0.01 * size if name == "mesh" else 1e-12)
 
 
 def support(model, data, direction):
@@ -183,7 +186,10 @@ def test_a_surface_must_be_a_box_site_that_stays(gantry):
 
 
 def test_a_surface_on_a_mocap_body_is_where_the_keyframe_has_it(gantry):
-    moved = ('<body name="parcel"', '<body name="desk" mocap="true" pos="9 9 9"><site name="desk" type="box" size="0.6 0.3 0.05"/></body><body name="parcel"')
+    moved = (
+        '<body name="parcel"',
+        '<body name="desk" mocap="true" pos="9 9 9"><site name="desk" type="box" size="0.6 0.3 0.05"/></body><body name="parcel"',
+    )
     key = ('<key name="start"', '<key name="start" mpos="0.5 0 0.3"')
     scene = changed(gantry, moved, key)
     assert clear_of(scene, np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]]]), "desk").tolist() == [True, False]
