@@ -55,6 +55,7 @@ def add_task(project: Project, name: str, scene: Path, recordings: Path, end_eff
     return [
         f"task {name!r} is in {params.FILE}: arm of {len(loaded.joints)} joints ({', '.join(loaded.joints)}), end "
         f"effector {loaded.end_effector}.",
+        *(f"Of the scene: {remark}." for remark in loaded.remarks),
         f"Say there which features matter, then run: dvc repro inspect@{name}",
         *([] if remedy is None else [remedy]),
     ]

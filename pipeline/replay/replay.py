@@ -12,7 +12,7 @@ import numpy as np
 
 from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
-from pipeline.replay.chain import Posed
+from pipeline.replay.mechanism.chain import Posed
 from pipeline.replay.scene import Scene
 
 _CONFIGURATIONS_PER_CHUNK = 16384  # what is computed of them fits the processor's cache

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.arrays import BoolArray, FloatArray, IntArray
 from pipeline.errors import StageError
 from pipeline.replay.contacts import Contacts, Pair
-from pipeline.replay.limits import Verdict, judge_positions
+from pipeline.replay.mechanism.limits import Verdict, judge_positions
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene
 from pipeline.replay.surface import Surface

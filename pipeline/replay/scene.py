@@ -19,10 +19,10 @@ import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError, one_of
-from pipeline.replay.causes import RADIANS_AS_DEGREES, ranges_in_radians
-from pipeline.replay.chain import Carried, Chain
-from pipeline.replay.couplings import Coupling, joint_couplings, led_by
-from pipeline.replay.keyframes import (
+from pipeline.replay.mechanism.causes import RADIANS_AS_DEGREES, ranges_in_radians
+from pipeline.replay.mechanism.chain import Carried, Chain
+from pipeline.replay.mechanism.couplings import Coupling, joint_couplings, led_by
+from pipeline.replay.mechanism.keyframes import (
     SCALAR,
     Keyframe,
     differences,
@@ -31,8 +31,8 @@ from pipeline.replay.keyframes import (
     rest,
     scalar_limits,
 )
-from pipeline.replay.limits import Limits
-from pipeline.replay.rig import Rig
+from pipeline.replay.mechanism.limits import Limits
+from pipeline.replay.mechanism.rig import Rig
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError
-from pipeline.replay.chain import Carried, weighted
 from pipeline.replay.geometry import colour
+from pipeline.replay.mechanism.chain import Carried, weighted
 from pipeline.replay.outline import Solid, dotted
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene

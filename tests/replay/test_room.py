@@ -11,7 +11,7 @@ import pytest
 from pipeline.errors import SceneError, StageError
 from pipeline.replay import load_scene
 from pipeline.replay.contacts import Contacts, between, spread_first
-from pipeline.replay.limits import TOLERANCE_RAD
+from pipeline.replay.mechanism.limits import TOLERANCE_RAD
 from pipeline.replay.room import Room
 from pipeline.trajectories.paths import Anchor, straight_path, within_limits
 from pipeline.trajectories.samplers import Deformation, Fate

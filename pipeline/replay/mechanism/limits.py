@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError
-from pipeline.replay.causes import likely_cause, many_turns
+from pipeline.replay.mechanism.causes import likely_cause, many_turns
 
 TOLERANCE_RAD = radians(3)  # calibration and encoder offsets
 TOLERANCE_M = 0.01

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pipeline.errors import ArgumentError
-from pipeline.replay.limits import TOLERANCE_M, TOLERANCE_RAD, Limits, Verdict, judge_positions
+from pipeline.replay.mechanism.limits import TOLERANCE_M, TOLERANCE_RAD, Limits, Verdict, judge_positions
 
 TURN = 2 * np.pi
 NAMES = ("base", "shoulder", "elbow", "wrist", "lift")

@@ -17,7 +17,7 @@ import numpy as np
 
 from pipeline.arrays import FloatArray, IndexArray
 from pipeline.errors import SceneError
-from pipeline.replay.rig import Rig
+from pipeline.replay.mechanism.rig import Rig
 
 Axes = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """A frame in the world for each of n configurations: its x, y and z axis and its origin, (3, n) each or (3, 1)."""

@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 
 from pipeline.arrays import FloatArray, IndexArray
-from pipeline.replay.attachments import Attachment, attachments, carrying_joints
-from pipeline.replay.couplings import Coupling, in_order
-from pipeline.replay.keyframes import Keyframe
+from pipeline.replay.mechanism.attachments import Attachment, attachments, carrying_joints
+from pipeline.replay.mechanism.couplings import Coupling, in_order
+from pipeline.replay.mechanism.keyframes import Keyframe
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.arrays import FloatArray
 
 if TYPE_CHECKING:
-    from pipeline.replay.limits import Limits
+    from pipeline.replay.mechanism.limits import Limits
 
 RADIANS_AS_DEGREES = radians(2 * pi)  # a whole turn, if its number of radians is taken for degrees
 _PERCENT = 100.5

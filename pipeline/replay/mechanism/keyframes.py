@@ -12,8 +12,8 @@ import numpy as np
 
 from pipeline.arrays import FloatArray, IndexArray
 from pipeline.errors import SceneError
-from pipeline.replay.couplings import Coupling
-from pipeline.replay.limits import Limits, judge_positions
+from pipeline.replay.mechanism.couplings import Coupling
+from pipeline.replay.mechanism.limits import Limits, judge_positions
 
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 _SAME = 1e-6  # rad or m: what is nearer is in the same place
