@@ -25,7 +25,7 @@ from pipeline.replay import bind_features, body_positions, clear_of, load_scene
 from pipeline.replay.features import FeatureSet
 from pipeline.trajectories import measures
 from pipeline.trajectories.paths import Anchor
-from pipeline.trajectories.samplers import Deformation, Mixture, Planner, Sampler, ViaPoint, draw_admissible
+from pipeline.trajectories.samplers import Deformation, Fate, Mixture, Planner, Sampler, ViaPoint, draw_admissible
 
 ROOT = Path(__file__).resolve().parents[1]
 TRAJECTORIES, WAYPOINTS, REPEATS = 1000, 41, 20
@@ -187,7 +187,8 @@ def drawn(part: str) -> tuple[float, float]:
     took, draw = best(
         lambda: draw_admissible(
             parts[part], np.random.default_rng(1), anchor, DRAWN, WAYPOINTS,
-            lower=scene.lower, upper=scene.upper, admissible=lambda paths: clear_of(scene, paths, "table_top"),
+            lower=scene.lower, upper=scene.upper,
+            judge=lambda paths: np.where(clear_of(scene, paths, "table_top"), Fate.KEPT, Fate.THROUGH_SURFACE),
         )
     )  # fmt: skip
     return took, draw.rejection_rate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
 
 class WorkbenchError(Exception):
@@ -26,6 +26,10 @@ class BandwidthError(WorkbenchError):
     def __init__(self, message: str, estimate: float | None = None) -> None:
         super().__init__(message)
         self.estimate = estimate
+
+    def of(self, size: int, set_id: str, anchor: str) -> BandwidthError:
+        """The same, said of one set of alternatives."""
+        return BandwidthError(f"set {set_id!r} of {size} alternatives with anchor {anchor!r}: {self}", self.estimate)
 
 
 class ParameterError(WorkbenchError):
@@ -69,3 +73,9 @@ class OutputError(WorkbenchError):
 def one_of(names: Iterable[str]) -> str:
     """The valid names as they are listed at the end of a message."""
     return ", ".join(sorted(names))
+
+
+def few_of(names: Sequence[str], most: int = 3) -> str:
+    """The first names of a list and how many more there are, such as "a, b, c and 4 more"."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")

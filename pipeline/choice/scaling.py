@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.arrays import FloatArray
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError
+
+ROUNDING = 1e-12  # of the largest value: a spread below is no spread, and scaled to size one it would be noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,15 @@ class Spread:
             (1 - share) * self.variance + share * other.variance + share * (1 - share) * step**2,
         )
 
-    def scale(self, method: str | Mapping[str, float], names: Sequence[str]) -> FloatArray:
+    @property
+    def varies(self) -> BoolArray:
+        """(F,) which features are not the same in all rows."""
+        largest = np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return np.asarray(self.upper - self.lower > ROUNDING * largest)
+
+    def scale(
+        self, method: str | Mapping[str, float], names: Sequence[str], demonstrations: Spread | None = None
+    ) -> FloatArray:
         """What each feature is divided by; see `feature_scale`."""
         if isinstance(method, Mapping):
             missing = [name for name in names if name not in method]
@@ -53,40 +63,39 @@ class Spread:
                     f"features.scale gives constants for {', '.join(sorted(method))}; it lacks {', '.join(missing)}"
                 )
             return np.array([method[name] for name in names], dtype=np.float64)
-        if method == "none":
-            return np.ones(len(names))
-        if method == "range":
-            scale = self.upper - self.lower
-        elif method == "std":
-            scale = np.sqrt(self.variance)
-        else:
+        if method not in ("range", "std", "none"):
             raise ArgumentError(
                 f"features.scale is {method!r}; allowed are range, std, none, or a constant per feature"
             )
-        largest = np.maximum(np.abs(self.lower), np.abs(self.upper))
-        for name, value, most in zip(names, scale, largest, strict=True):
-            # a spread below rounding is no spread: what is left would be noise blown up to size one
-            if not value > 1e-12 * most:
-                raise ArgumentError(
-                    f"feature {name!r} is the same for all {self.count} alternatives, so it cannot be scaled; "
-                    "leave it out, sample wider, or give features.scale as constants"
-                )
-        return np.asarray(scale)
+        if method == "none":
+            return np.ones(len(names))
+        wider = self if demonstrations is None else self + demonstrations
+        own = self.upper - self.lower if method == "range" else np.sqrt(self.variance)
+        return np.where(self.varies, own, np.where(wider.varies, wider.upper - wider.lower, 1.0))
 
 
-def feature_scale(features: FloatArray, method: str | Mapping[str, float], names: Sequence[str]) -> FloatArray:
+def feature_scale(
+    features: FloatArray,
+    method: str | Mapping[str, float],
+    names: Sequence[str],
+    demonstrations: FloatArray | None = None,
+) -> FloatArray:
     """What each feature is divided by.
+
+    A feature that is the same for all alternatives tells nothing about choices among them, so its scale hardly matters:
+    where demonstrations differ in it, it is the range of both together, so that they differ by one; else it is 1.
 
     Args:
         features: (N, F) raw values over the task's whole pool of alternatives, so that all its sets share one scale.
         method: `range` (max - min), `std` (population standard deviation), `none` (1), or a constant per name (others are not looked at).
         names: (F,) feature names.
+        demonstrations: (n, F) raw values of the demonstrations; None if there are none.
 
     Returns:
         (F,) positive scales in the features' units.
 
     Raises:
-        ArgumentError: a feature does not vary over the pool, so that it cannot be scaled (nor tell anything), the
-            method is unknown, or a constant is missing.
+        ArgumentError: the method is unknown, or a constant is missing.
     """
-    return Spread.of(features).scale(method, names)
+    also = None if demonstrations is None or not len(demonstrations) else Spread.of(demonstrations)
+    return Spread.of(features).scale(method, names, also)

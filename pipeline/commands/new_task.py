@@ -55,6 +55,7 @@ def add_task(project: Project, name: str, scene: Path, recordings: Path, end_eff
     return [
         f"task {name!r} is in {params.FILE}: arm of {len(loaded.joints)} joints ({', '.join(loaded.joints)}), end "
         f"effector {loaded.end_effector}.",
+        *(f"Of the scene: {remark}." for remark in loaded.remarks),
         f"Say there which features matter, then run: dvc repro inspect@{name}",
         *([] if remedy is None else [remedy]),
     ]
@@ -89,6 +90,7 @@ def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:
         "scene": file,
         "end_effector": scene.end_effector,
         "surface": scene.box_sites()[0] if len(scene.box_sites()) == 1 else None,
+        "collisions": False,
         "recordings": recordings,
         "anchor": DEMONSTRATION_ANCHOR if scene.start is None or scene.goal is None else TASK_ANCHOR,
         "features": terms,

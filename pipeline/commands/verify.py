@@ -84,7 +84,7 @@ def verify(project: Project, name: str, sample: int) -> Verified:
         for table, stage in made.items():
             _check_table(found, known, tables, table, stage, recorded)
         if name != STUDIES and sample:
-            rng = child_rng(project.params.seed, "verify", name)
+            rng = child_rng(project.params.seed, "verify")
             if {"features", "alternatives", "demonstrations"} <= made.keys():
                 _guarded(found, lambda: _replay_trajectories(found, project, name, tables, sample, rng))
             if {"posteriors", "densities", "scales", "features", "demonstrations"} <= made.keys():

@@ -244,7 +244,7 @@ def read_setting(project: Project, name: str) -> Setting:
             raise StageError(
                 f"{tables['densities'].path}: does not have the alternatives of alternatives.parquet; run `dvc repro`"
             )
-        some = _some(project, name, both)
+        some = _some(project, both)
         waypoints = read_waypoints(tables["alternatives"], some["alternative_id"])
     scene = load_task_scene(project, task)
     paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
@@ -267,11 +267,11 @@ def read_setting(project: Project, name: str) -> Setting:
     )
 
 
-def _some(project: Project, name: str, alternatives: pl.DataFrame) -> pl.DataFrame:
+def _some(project: Project, alternatives: pl.DataFrame) -> pl.DataFrame:
     """As many as are to be drawn, the same every time."""
     if alternatives.height <= PATHS:
         return alternatives
-    rng = child_rng(project.params.seed, "watch", name)
+    rng = child_rng(project.params.seed, "watch")
     return alternatives[np.sort(rng.choice(alternatives.height, PATHS, replace=False))]
 
 

@@ -88,6 +88,7 @@ class Task(_Section):
     scene: str
     end_effector: str
     surface: str | None
+    collisions: StrictBool = False
     recordings: str
     anchor: AnchorWord
     features: Specs

@@ -76,7 +76,7 @@ def extract_geometry(model: Any) -> Geometry:
         SceneError: a visible geom is of a type that has no solid form here (height field, signed distance field).
     """
     names = tuple(model.body(i).name or f"body_{i}" for i in range(model.nbody))
-    visible = [i for i in range(model.ngeom) if model.geom_group[i] < _VISIBLE_GROUPS and _rgba(model, i)[3] > 0]
+    visible = [i for i in range(model.ngeom) if model.geom_group[i] < _VISIBLE_GROUPS and colour(model, i)[3] > 0]
     return Geometry(body_names=names, shapes=tuple(_shape(model, i) for i in visible), viewpoint=_viewpoint(model))
 
 
@@ -100,13 +100,11 @@ def body_poses(scene: Scene, waypoints: FloatArray) -> tuple[FloatArray, FloatAr
             f"waypoints must be (M, {len(scene.joints)}), one column for each of {', '.join(scene.joints)}; "
             f"got shape {waypoints.shape}."
         )
-    model, data = scene.model, mujoco.MjData(scene.model)
-    data.qpos[:] = scene.home
+    model, data = scene.model, scene.rig.data()
     positions = np.empty((len(waypoints), model.nbody, 3))
     quaternions = np.empty((len(waypoints), model.nbody, 4))
     for row, configuration in enumerate(waypoints):
-        data.qpos[scene.qpos_addresses] = configuration
-        mujoco.mj_kinematics(model, data)
+        scene.rig.pose(data, configuration)
         positions[row], quaternions[row] = data.xpos, data.xquat
     return _frozen(positions), _frozen(quaternions)
 
@@ -127,14 +125,14 @@ def _shape(model: Any, geom: int) -> Shape:
         size=_frozen(model.geom_size[geom]),
         position=_frozen(model.geom_pos[geom]),
         quaternion=_frozen(model.geom_quat[geom]),
-        rgba=_frozen(_rgba(model, geom)),
+        rgba=_frozen(colour(model, geom)),
         vertices=vertices,
         faces=faces,
     )
 
 
-def _rgba(model: Any, geom: int) -> Any:
-    """A geom's material wins over its own colour, as in MuJoCo's renderer."""
+def colour(model: Any, geom: int) -> Any:
+    """Red, green, blue and opacity (4,) of a geom: its material wins over its own colour, as in MuJoCo's renderer."""
     material = int(model.geom_matid[geom])
     return model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
 

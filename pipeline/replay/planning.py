@@ -1,108 +1,109 @@
-"""What planning a path for a task needs: where it starts and ends, what is allowed, and what a path costs."""
+"""What planning a path takes: the room that it has, and what it costs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray
-from pipeline.choice.scaling import feature_scale
-from pipeline.errors import StageError
-from pipeline.params import Task
+from pipeline.choice.scaling import ROUNDING
 from pipeline.replay.features import FeatureSet, bind_features
-from pipeline.replay.replay import Surface, clear_of, replay
-from pipeline.replay.scene import Scene
-from pipeline.trajectories.optimise import Assess, Search
-from pipeline.trajectories.paths import Anchor
-from pipeline.trajectories.samplers import Deformation, Draw, Sampler, draw_admissible
+from pipeline.replay.replay import replay
+from pipeline.replay.room import Room
+from pipeline.trajectories.optimise import Assess, Search, optimise_paths, random_weights
+from pipeline.trajectories.random_streams import child_rng
+from pipeline.trajectories.samplers import Deformation, Fate
 
 POOL = 1000  # trajectories on which the terms of the cost are brought to one scale
 SEARCH = Search(iterations=60)  # closes nine tenths of the gap from the straight path to what a long search finds
 
 
-@dataclass(frozen=True)
-class Room:
-    """Where an arm may be: within its joints' limits and above the task's surface, if it has one."""
-
-    scene: Scene
-    surface: str | None
-
-    def admissible(self, waypoints: FloatArray) -> BoolArray:
-        """(N, T, J) -> (N,): nothing goes through the surface."""
-        if self.surface is None:
-            return np.ones(len(waypoints), dtype=bool)
-        return clear_of(self.scene, waypoints, self.surface)
-
-    def limits(self, anchor: Anchor) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest joint positions (J,). A person may start or end beyond a limit: then that is the limit."""
-        lower = np.minimum(self.scene.lower, np.minimum(anchor.start, anchor.goal))
-        return lower, np.maximum(self.scene.upper, np.maximum(anchor.start, anchor.goal))
-
-    def draw(self, sampler: Sampler, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> Draw:
-        """Alternatives that keep to it."""
-        lower, upper = self.limits(anchor)
-        return draw_admissible(
-            sampler, rng, anchor, count, n_waypoints, lower=lower, upper=upper, admissible=self.admissible
-        )
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Planning:
-    """The scene of a task as the samplers and the optimiser see it."""
+    """Paths between the two ends of a room.
 
-    scene: Scene
-    task: Task
+    Attributes:
+        room: where they may go.
+        preferences: the terms of their cost: features of any registered kind, since a plan is judged by its replay.
+        waypoints: T.
+    """
+
+    room: Room
+    preferences: FeatureSet
     waypoints: int
 
-    @property
-    def anchor(self) -> Anchor:
-        """The scene's start and goal.
-
-        Raises:
-            StageError: the scene has no start or no goal.
-        """
-        if self.scene.start is None or self.scene.goal is None:
-            raise StageError(
-                f"{self.task.scene}: has no keyframes `start` and `goal`, which are needed to plan paths; add them, or "
-                "set the task's anchor to demonstration"
-            )
-        return Anchor(self.scene.start, self.scene.goal)
-
-    @cached_property
-    def preferences(self) -> FeatureSet:
-        """What a path may be planned for: features of any registered kind, since a plan is judged by its replay.
+    @classmethod
+    def of(cls, room: Room, preferences: Mapping[str, Mapping[str, object]], waypoints: int) -> Planning:
+        """Planning for what a task calls its preferences.
 
         The task lists them apart from the robot's features. Those are its guess at what people care about, and a change
         of the guess must change neither the people nor the paths that were sampled.
-        """
-        return bind_features(self.scene, self.task.preferences, "preferences")
 
-    @property
-    def room(self) -> Room:
-        """Where the arm may be."""
-        return Room(self.scene, self.task.surface)
+        Raises:
+            ParameterError, SceneError: see `bind_features`.
+        """
+        return cls(room, bind_features(room.scene, preferences, "preferences"), waypoints)
 
     def assess(self, waypoints: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """(N, T, J) -> raw cost terms (N, F) and whether the surface is cleared (N,), from one replay."""
-        top = Surface(self.scene, self.task.surface) if self.task.surface else None
+        """(N, T, J) -> raw cost terms (N, F) and whether the scene allows the path (N,), from one replay."""
         parts = [
-            (self.preferences.of(motion), top.cleared_by(motion) if top else np.ones(len(motion.waypoints), bool))
-            for motion in replay(self.scene, waypoints)
+            (self.preferences.of(motion), self.room.judge_motion(motion) == Fate.KEPT)
+            for motion in replay(self.room.scene, waypoints)
         ]
-        return np.concatenate([terms for terms, _ in parts]), np.concatenate([clear for _, clear in parts])
+        return np.concatenate([terms for terms, _ in parts]), np.concatenate([allowed for _, allowed in parts])
 
-    def preference_scales(self, rng: np.random.Generator, anchor: Anchor, sampler: Deformation) -> FloatArray:
-        """(F,) what each term is divided by: its range over deformations of the straight path."""
-        draw = self.room.draw(sampler, rng, anchor, POOL, self.waypoints)
-        return feature_scale(self.assess(draw.waypoints)[0], "range", self.preferences.names)
+    def scales(self, rng: np.random.Generator) -> FloatArray:
+        """(F,) what each term is divided by: its range over deformations of the straight path.
+
+        Infinite for a term that is the same for all of them: no path can be planned for it, so its weight has no effect.
+
+        Raises:
+            StageError: hardly any deformation keeps to the room.
+        """
+        terms = self.assess(self.room.draw(Deformation(), rng, POOL, self.waypoints).waypoints)[0]
+        ranges = terms.max(axis=0) - terms.min(axis=0)
+        return np.where(ranges > ROUNDING * np.abs(terms).max(axis=0), ranges, np.inf)
 
     def scaled(self, scales: FloatArray) -> Assess:
         """`assess` with its terms divided by `scales` (F,)."""
 
         def assess(waypoints: FloatArray) -> tuple[FloatArray, BoolArray]:
-            terms, clear = self.assess(waypoints)
-            return terms / scales, clear
+            terms, allowed = self.assess(waypoints)
+            return terms / scales, allowed
 
         return assess
+
+    def optimised(self, rngs: list[np.random.Generator], weights: FloatArray, scales: FloatArray) -> FloatArray:
+        """Paths (P, T, J) of low cost under each row of weights (P, F) of the scaled terms.
+
+        Raises:
+            StageError: no admissible path was found for one of them.
+        """
+        scene = self.room.scene
+        return optimise_paths(
+            rngs, self.room.anchor, weights, self.scaled(scales),
+            lower=scene.lower, upper=scene.upper, n_waypoints=self.waypoints, search=SEARCH,
+        ).waypoints  # fmt: skip
+
+    def unvaried(self, scales: FloatArray) -> tuple[str, ...]:
+        """Names of the terms that no path can be planned for."""
+        return tuple(name for name, scale in zip(self.preferences.names, scales, strict=True) if np.isinf(scale))
+
+
+def planned_paths(planning: Planning, count: int, seed: int, *labels: str) -> tuple[FloatArray, tuple[str, ...]]:
+    """Paths (P, T, J) under random weights, and the names of the terms that could not be planned for.
+
+    Args:
+        planning: for which ends and what.
+        count: P.
+        seed, labels: of the random streams.
+
+    Raises:
+        StageError: see `Planning.scales` and `Planning.optimised`.
+    """
+    scales = planning.scales(child_rng(seed, *labels, "scales"))
+    weights = random_weights(child_rng(seed, *labels, "weights"), count, len(scales))
+    rngs = [child_rng(seed, *labels, path) for path in range(count)]
+    return planning.optimised(rngs, weights, scales), planning.unvaried(scales)

@@ -8,12 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
-import mujoco
 import numpy as np
 
-from pipeline.arrays import BoolArray, FloatArray
-from pipeline.errors import ArgumentError, SceneError
-from pipeline.replay.chain import Posed, weighted
+from pipeline.arrays import FloatArray
+from pipeline.errors import ArgumentError
+from pipeline.replay.mechanism.chain import Posed
 from pipeline.replay.scene import Scene
 
 _CONFIGURATIONS_PER_CHUNK = 16384  # what is computed of them fits the processor's cache
@@ -103,66 +102,6 @@ def body_positions(scene: Scene, waypoints: FloatArray, names: Sequence[str]) ->
         for name in names:
             positions[name][rows] = motion.position(name)
     return positions
-
-
-class Surface:
-    """The top of a site of type box, which nothing that moves may go under, within its extent.
-
-    Its top is its face towards its own +z, its extent that of the box in x and y, with the scene at rest.
-
-    Args:
-        scene: from `load_scene`.
-        name: of the site.
-
-    Raises:
-        SceneError: the scene has no such site, or it is not a box.
-    """
-
-    def __init__(self, scene: Scene, name: str) -> None:
-        site = scene.site_id(name)
-        if scene.model.site_type[site] != mujoco.mjtGeom.mjGEOM_BOX:
-            raise SceneError(f"site {name!r} of {scene.path} is not a box; its size must give the surface's extent.")
-        data = mujoco.MjData(scene.model)
-        data.qpos[:] = scene.home
-        mujoco.mj_kinematics(scene.model, data)
-        self._centre, self._axes = np.array(data.site_xpos[site]), np.array(data.site_xmat[site]).reshape(3, 3)
-        self._size, self._bodies = np.array(scene.model.site_size[site]), scene.moving_bodies()
-        self._top = self._centre @ self._axes[:, 2] + self._size[2]
-
-    def cleared_by(self, motion: Motion) -> BoolArray:
-        """(n,) whether no moving body's origin is ever under the top within the extent."""
-        clear = np.ones(len(motion.waypoints), dtype=bool)
-        for body in reversed(self._bodies):  # what is carried furthest out dips most often
-            carried = motion.scene.chain.bodies[body]
-            under = np.flatnonzero(motion.posed.coordinate(carried, self._axes[:, 2]) < self._top)
-            under = under[clear[under // motion.waypoints.shape[1]]]
-            if not under.size:
-                continue
-            offset = motion.posed.origin(carried, under) - self._centre[:, None]
-            x, y = (np.abs(weighted(offset, axis)) for axis in self._axes[:, :2].T)
-            within = (x <= self._size[0]) & (y <= self._size[1])
-            clear[under[within] // motion.waypoints.shape[1]] = False
-        return clear
-
-
-def clear_of(scene: Scene, waypoints: FloatArray, surface: str = "table_top") -> BoolArray:
-    """Whether each trajectory stays above a surface (see `Surface`).
-
-    Args:
-        scene: from `load_scene`.
-        waypoints: (N, T, J) rad or m.
-        surface: name of its site.
-
-    Returns:
-        (N,) true where the trajectory stays clear.
-
-    Raises:
-        ArgumentError: see `replay`.
-        SceneError: see `Surface`.
-    """
-    top = Surface(scene, surface)
-    clear = [top.cleared_by(motion) for motion in replay(scene, waypoints)]
-    return np.concatenate(clear) if clear else np.empty(0, dtype=bool)
 
 
 def _chunks(scene: Scene, waypoints: FloatArray, chunk: int) -> Iterator[Motion]:

@@ -6,8 +6,11 @@ Nothing here knows a particular arm: any MJCF whose joints are hinges or slides 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from math import degrees
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +19,20 @@ import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError, one_of
-from pipeline.replay.chain import Chain
-
-_MOVABLE = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+from pipeline.replay.mechanism.causes import RADIANS_AS_DEGREES, ranges_in_radians
+from pipeline.replay.mechanism.chain import Carried, Chain
+from pipeline.replay.mechanism.couplings import Coupling, joint_couplings, led_by
+from pipeline.replay.mechanism.keyframes import (
+    SCALAR,
+    Keyframe,
+    differences,
+    read_keyframe,
+    require_coupled,
+    rest,
+    scalar_limits,
+)
+from pipeline.replay.mechanism.limits import Limits
+from pipeline.replay.mechanism.rig import Rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,30 +42,61 @@ class Scene:
     Attributes:
         path: the MJCF file.
         model: `mujoco.MjModel` as the file has it.
-        joints: names of the J joints, in the order of the waypoints' last axis.
-        qpos_addresses: (J,) where each joint's value sits in `qpos`.
-        slides: (J,) true where a joint slides (m), false where it turns (rad).
+        limits: of the J joints, in the order of the waypoints' last axis.
         continuous: (J,) true for hinges without limits, which reach the same pose in every turn.
-        lower, upper: (J,) limits in rad or m, infinite where a joint has none.
         start, goal: (J,) the keyframes of these names, None where the file has none.
-        home: (nq,) the whole `qpos` of keyframe `start`, else of the model; what the other joints keep.
         end_effector: name of the body or site whose path matters.
+        rig: what a configuration of the J joints sets in MuJoCo, and what all else keeps: keyframe `start`, else the model.
         chain: what the J joints move, for replay.
+        remarks: what is odd about the scene, or not followed in it, a phrase each.
     """
 
     path: Path
     model: Any
-    joints: tuple[str, ...]
-    qpos_addresses: IndexArray
-    slides: BoolArray
+    limits: Limits
     continuous: BoolArray
-    lower: FloatArray
-    upper: FloatArray
     start: FloatArray | None
     goal: FloatArray | None
-    home: FloatArray
     end_effector: str
+    rig: Rig = field(repr=False)
     chain: Chain = field(repr=False)
+    remarks: tuple[str, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the J joints."""
+        return self.limits.joints
+
+    @property
+    def slides(self) -> BoolArray:
+        """(J,) true where a joint slides (m), false where it turns (rad)."""
+        return self.limits.slides
+
+    @property
+    def lower(self) -> FloatArray:
+        """(J,) lower limits in rad or m, minus infinity where a joint has none."""
+        return self.limits.lower
+
+    @property
+    def upper(self) -> FloatArray:
+        """(J,) upper limits in rad or m, infinity where a joint has none."""
+        return self.limits.upper
+
+    @property
+    def home(self) -> FloatArray:
+        """(nq,) the whole `qpos` at rest."""
+        return self.rig.home.qpos
+
+    @property
+    def qpos_addresses(self) -> IndexArray:
+        """(J,) where each joint's value sits in `qpos`."""
+        return self.rig.addresses
+
+    def at_home(self) -> Any:
+        """A new `mujoco.MjData`, everything at home, after `mj_kinematics`."""
+        data = self.rig.data()
+        self.rig.pose(data, self.home[self.qpos_addresses])
+        return data
 
     def body_id(self, name: str) -> int:
         """Index of a body. Raises SceneError, listing the bodies, if there is none of that name."""
@@ -78,6 +123,11 @@ class Scene:
             f" and its sites {one_of(sites) or '(none)'}."
         )
 
+    def carried(self, name: str) -> Carried:
+        """The place of a body or site in the chain; see `place`."""
+        kind, index = self.place(name)
+        return (self.chain.bodies if kind == "body" else self.chain.sites)[index]
+
     def moving_bodies(self) -> IndexArray:
         """Indices of the bodies that the J joints move."""
         return np.flatnonzero([body.joint >= 0 for body in self.chain.bodies])
@@ -99,43 +149,49 @@ class Scene:
 def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Sequence[str] | None = None) -> Scene:
     """Read and compile an MJCF file.
 
+    Joints that an equality constraint makes follow others are computed from those (see `couplings`), bodies that an active
+    weld ties to the arm are carried by it (see `attachments`), and mocap bodies are where keyframe `start` has them.
+
     Args:
         path: the MJCF file; files it includes are found from its folder.
         end_effector: body or site whose path matters; None: the last body that the joints move.
-        joints: names of the joints of a trajectory, in order; None: every hinge and slide of the scene, in the
-            order of the file.
+        joints: names of the joints of a trajectory, in order; None: every hinge and slide of the scene that does not
+            follow another, in the order of the file.
 
     Raises:
         SceneError: the file is missing or does not compile, a name is not in it, a joint is neither hinge nor
-            slide or is named twice, or no joint is left.
+            slide or is named twice, no joint is left, none moves the end effector, a keyframe is beyond the limits,
+            or a constraint cannot be held.
     """
     path = Path(path)
     model = _compile(path)
-    ids = _joint_ids(path, model, joints)
-    addresses = np.asarray(model.jnt_qposadr[ids], dtype=np.intp)
-    limited = np.asarray(model.jnt_limited[ids], dtype=bool)
-    slides = np.asarray(model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_SLIDE))
-    start, goal = _keyframe(model, "start"), _keyframe(model, "goal")
-    home = _frozen(np.array(model.qpos0) if start is None else start)
+    couplings = joint_couplings(path, model)
+    ids = _joint_ids(path, model, joints, couplings)
+    couplings = led_by(path, model, couplings, ids)
+    limits = _limits(model, ids, couplings)
+    start, said_of_start = read_keyframe(path, model, "start")
+    goal, said_of_goal = read_keyframe(path, model, "goal")
+    rig = Rig.of(path, model, ids, start or rest(model), couplings)
+    for name, keyframe in (("start", start), ("goal", goal)):
+        if keyframe is not None:
+            require_coupled(path, model, name, keyframe, couplings.values())
     scene = Scene(
         path=path,
         model=model,
-        joints=tuple(model.joint(i).name for i in ids),
-        qpos_addresses=_frozen(addresses),
-        slides=_frozen(slides),
-        continuous=_frozen(~limited & ~slides),
-        lower=_frozen(np.where(limited, model.jnt_range[ids, 0], -np.inf)),
-        upper=_frozen(np.where(limited, model.jnt_range[ids, 1], np.inf)),
-        start=None if start is None else _frozen(start[addresses]),
-        goal=None if goal is None else _frozen(goal[addresses]),
-        home=home,
+        limits=limits,
+        continuous=_frozen(np.isinf(limits.lower) & np.isinf(limits.upper) & ~limits.slides),
+        start=None if start is None else _frozen(start.qpos[rig.addresses]),
+        goal=None if goal is None else _frozen(goal.qpos[rig.addresses]),
         end_effector=end_effector or "",
-        chain=Chain.of(model, ids, home),
+        rig=rig,
+        chain=Chain.of(rig),
+        remarks=(*said_of_start, *said_of_goal, *_elsewhere(rig, start, goal), *_tiny_ranges(model), *rig.remarks),
     )
     if end_effector is None:
         last = model.body(int(scene.moving_bodies()[-1])).name
         return replace(scene, end_effector=last)
-    scene.place(end_effector)
+    if scene.carried(end_effector).joint < 0:
+        raise SceneError(f"{path}: none of the joints {one_of(scene.joints)} moves the end effector {end_effector!r}.")
     return scene
 
 
@@ -153,9 +209,25 @@ def scene_files(path: str | Path) -> list[Path]:
         SceneError: one of them is missing or is not XML where it should be.
     """
     try:
-        return sorted(Path(file) for file in mujoco.mju_getXMLDependencies(str(path)))
+        listed = [Path(file) for file in mujoco.mju_getXMLDependencies(str(path))]
+        assets = _assets(Path(path))
     except (ValueError, mujoco.FatalError) as error:
         raise SceneError(f"The files that {path} depends on cannot be listed: {_one_line(error)}") from error
+    # MuJoCo lists the meshes of a file that is included from another folder as if they were beside the first file
+    for included in listed:
+        if included.suffix.lower() == ".xml" and included != Path(path):
+            with suppress(ValueError, mujoco.FatalError):  # most included files are no models by themselves
+                assets += _assets(included)
+    return sorted({Path(os.path.normpath(file)) for file in [*listed, *assets] if file.is_file()})
+
+
+def _assets(path: Path) -> list[Path]:
+    """Where MuJoCo finds the meshes, height fields, skins and textures of a model."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    geometry = [part.file for parts in (spec.meshes, spec.hfields, spec.skins) for part in parts]
+    pictures = [file for texture in spec.textures for file in (texture.file, *texture.cubefiles)]
+    folders = ((spec.meshdir, geometry), (spec.texturedir, pictures))
+    return [path.parent / folder / file for folder, files in folders for file in files if file]
 
 
 def _compile(path: Path) -> Any:
@@ -167,10 +239,10 @@ def _compile(path: Path) -> Any:
         raise SceneError(f"MuJoCo cannot compile {path}: {_one_line(error)}") from error
 
 
-def _joint_ids(path: Path, model: Any, joints: Sequence[str] | None) -> list[int]:
-    movable = [i for i in range(model.njnt) if model.jnt_type[i] in _MOVABLE]
+def _joint_ids(path: Path, model: Any, joints: Sequence[str] | None, couplings: Mapping[int, Coupling]) -> list[int]:
+    movable = [i for i in range(model.njnt) if model.jnt_type[i] in SCALAR]
     if joints is None:
-        ids = movable
+        ids = [i for i in movable if i not in couplings]
     else:
         by_name = {model.joint(i).name: i for i in movable if model.joint(i).name}
         unknown = [name for name in joints if name not in by_name]
@@ -189,9 +261,38 @@ def _joint_ids(path: Path, model: Any, joints: Sequence[str] | None) -> list[int
     return ids
 
 
-def _keyframe(model: Any, name: str) -> FloatArray | None:
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
-    return None if index < 0 else np.array(model.key_qpos[index], dtype=np.float64)
+def _limits(model: Any, ids: Sequence[int], couplings: Mapping[int, Coupling]) -> Limits:
+    """The limits of the joints, narrowed where a joint that follows in proportion would leave its own."""
+    scalar, every = scalar_limits(model)
+    rows = {joint: row for row, joint in enumerate(scalar.tolist())}
+    chosen = [rows[joint] for joint in ids]
+    lower, upper = every.lower[chosen], every.upper[chosen]
+    for one in couplings.values():
+        if one.leader in ids and one.affine:
+            place, follower = ids.index(one.leader), rows[one.follower]
+            ends = np.sort(one.reversed().value(np.array([every.lower[follower], every.upper[follower]])))
+            lower[place], upper[place] = max(lower[place], ends[0]), min(upper[place], ends[1])
+    names = tuple(every.joints[row] for row in chosen)
+    return Limits(names, _frozen(lower), _frozen(upper), _frozen(every.slides[chosen]))
+
+
+def _elsewhere(rig: Rig, start: Keyframe | None, goal: Keyframe | None) -> list[str]:
+    if start is None or goal is None:
+        return []
+    others = differences(rig.model, start, goal, rig.moving_joints)
+    return (
+        [f"{', '.join(others)}: elsewhere in keyframe 'goal' than in 'start'; replay has it as in 'start'"]
+        if others
+        else []
+    )
+
+
+def _tiny_ranges(model: Any) -> list[str]:
+    return [
+        f"joint {name!r} has a range of less than {degrees(RADIANS_AS_DEGREES):.2g} degrees, as if radians had been taken "
+        "for degrees"
+        for name in ranges_in_radians(scalar_limits(model)[1])
+    ]
 
 
 def _names(model: Any, object_type: Any, count: int) -> Iterable[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import groupby
@@ -25,11 +25,11 @@ from pipeline.choice.kernel.domain_split import Slab
 from pipeline.choice.kernel.fourier import Sketch
 from pipeline.choice.scaling import Spread
 from pipeline.choice.streaming import log_sums_of_part, log_sums_over_part, sketch_seconds, sketch_slabs, slab_of_part
-from pipeline.errors import StageError
+from pipeline.errors import BandwidthError, StageError, few_of
 from pipeline.formats.files.links import require_inside
 from pipeline.formats.parquet.checked.conformance import GROUPS
 from pipeline.formats.parquet.checked.open_table import Piece
-from pipeline.formats.parquet.partitions import PARTITIONS, Scaled, SetRows, batches, cut, gathered
+from pipeline.formats.parquet.partitions import PARTITIONS, Contents, Scaled, SetRows, batches, cut, gathered
 from pipeline.formats.parquet.tables import table_writer, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.stages.registry import parameters
@@ -39,6 +39,8 @@ from pipeline.workspace.project import SCRATCH, Project, recorded_run
 from pipeline.workspace.provenance import provenance
 
 IN_MEMORY = 20_000_000  # rows of a set that are read at once where there is no other way
+DEMONSTRATIONS = ""  # stands where the anchor of alternatives would
+Spreads = dict[str, Spread]  # by anchor
 SLABBED = 2_000_000  # rows of a set that are read at once where each part would transform every slab anew
 
 
@@ -73,12 +75,16 @@ def run(project: Project, name: str) -> None:
         workers(project) as pool,
     ):
         tables.check()
-        sets, units = tables.contents("features").sets, tables["feature_units"].read()
-        names, method = tuple(units["feature"]), project.params.features.scale
+        there, units = tables.contents("features"), tables["feature_units"].read()
+        sets, names, method = there.sets, tuple(units["feature"]), project.params.features.scale
         unscaled = Scaled(tables.for_jobs("features"), names, np.ones(len(names)))
-        scale = _spread(pool, unscaled, sets).scale(method, names)
+        spreads = _spreads(pool, unscaled, there)
+        demonstrations = spreads.pop(DEMONSTRATIONS, None)
+        spread = reduce(Spread.__add__, spreads.values())
+        scale = spread.scale(method, names, demonstrations)
         used = pl.lit(method if isinstance(method, str) else "given")
-        scales = units.select("feature", "unit", method=used, scale=pl.Series(scale))
+        scales = units.select("feature", "unit", method=used, scale=pl.Series(scale), varies=pl.Series(spread.varies))
+        record.notes += _unvaried(names, spread, spreads)
         stated = provenance(project, parameters("density", name), tables.values())
         write_table(project.table(name, "scales"), "scales", scales, stated)
         features, bandwidth = replace(unscaled, scale=scale), project.params.density.bandwidth
@@ -99,10 +105,48 @@ def run(project: Project, name: str) -> None:
         record.produced = f"{len(sets)} sets, {table.rows:,} log densities"
 
 
-def _spread(pool: Workers, unscaled: Scaled, sets: Sequence[SetRows]) -> Spread:
-    pieces = sorted((piece for one in sets for piece in one.pieces), key=lambda piece: (piece.part, piece.first))
-    jobs = [(unscaled, tuple(part)) for _, part in groupby(pieces, lambda piece: piece.part)]
-    return pool.merged(spread_of, jobs, Spread.__add__, "spread of the features")
+def _spreads(pool: Workers, unscaled: Scaled, there: Contents) -> Spreads:
+    """Of the unscaled features over the sets of each anchor and over the demonstrations."""
+    parts: dict[int, list[tuple[str, Piece]]] = {}
+    for anchor, piece in (
+        *((one.anchor, piece) for one in there.sets for piece in one.pieces),
+        *((DEMONSTRATIONS, piece) for piece in there.others),
+    ):
+        parts.setdefault(piece.part, []).append((anchor, piece))
+    jobs = [(unscaled, tuple(sorted(parts[part], key=lambda row: row[1].first))) for part in sorted(parts)]
+    return pool.merged(spreads_of, jobs, _added, "spread of the features")
+
+
+def spreads_of(job: tuple[Scaled, Sequence[tuple[str, Piece]]]) -> Spreads:
+    """By anchor, of the features of some rows of one part."""
+    features, labelled = job
+    rows = features.read([piece for _, piece in labelled])
+    anchors = np.repeat([anchor for anchor, _ in labelled], [piece.count for _, piece in labelled])
+    return {anchor: Spread.of(rows[anchors == anchor]) for anchor in dict.fromkeys(anchor for anchor, _ in labelled)}
+
+
+def _added(one: Spreads, other: Spreads) -> Spreads:
+    both = dict(one)
+    for anchor, spread in other.items():
+        both[anchor] = both[anchor] + spread if anchor in both else spread
+    return both
+
+
+def _unvaried(names: Sequence[str], spread: Spread, spreads: Mapping[str, Spread]) -> list[str]:
+    """A sentence for each feature that is the same for all alternatives, of the task or of some anchors."""
+    found = []
+    for f, name in enumerate(names):
+        same = [anchor for anchor, own in spreads.items() if not own.varies[f]]
+        if not spread.varies[f]:
+            found.append(
+                f"feature {name!r} is the same for all {spread.count:,} alternatives, so that nothing tells its weight"
+            )
+        elif same:
+            found.append(
+                f"feature {name!r} is the same for all alternatives of {few_of(same)} (of {len(spreads)} anchors), so "
+                "that these demonstrations hardly tell its weight"
+            )
+    return found
 
 
 def spread_of(job: tuple[Scaled, Sequence[Piece]]) -> Spread:
@@ -117,7 +161,10 @@ def set_densities(job: tuple[Scaled, Sequence[SetRows], str | float]) -> list[pl
     tables = []
     for one in sets:
         phi = features.read(one.pieces)
-        sigma = select_bandwidth(phi, bandwidth)
+        try:
+            sigma = select_bandwidth(phi, bandwidth)
+        except BandwidthError as error:
+            raise error.of(one.set_size, one.set_id, one.anchor) from None
         engine = choose_engine(phi, sigma.value).engine
         log_sums = log_density(phi, sigma.value, engine=engine)
         tables.append(_rows(features, one.pieces, sigma, log_sums, engine))

@@ -77,7 +77,7 @@ def _alternatives(
     drawn = []
     for rows in (working, *view.independent.partition_by("set_size", "set_id", maintain_order=True)):
         size, set_id = rows.select("set_size", "set_id").row(0)
-        drawn.append(rows[_some(project, rows.height, PATHS, name, int(size), str(set_id))])
+        drawn.append(rows[_some(project, rows.height, PATHS, int(size), str(set_id))])
     waypoints = read_waypoints(table, pl.concat([rows["alternative_id"] for rows in drawn]))
     paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
     found, ends = [], np.cumsum([rows.height for rows in drawn])
@@ -102,7 +102,7 @@ def _space(project: Project, name: str, view: TaskView) -> FeatureSpace | None:
         return None
     first, second, third = view.by_weight[:AXES]
     axes = [first, second, third]
-    some = _some(project, len(view.phi), POINTS, name, "space")
+    some = _some(project, len(view.phi), POINTS, "space")
     return FeatureSpace(
         features=(view.features[first], view.features[second], view.features[third]),
         units=(view.units[first], view.units[second], view.units[third]),

@@ -78,7 +78,8 @@ STAGES = (
     Stage(
         "simulate", Scope.SIMULATED, "simulate", "pipeline.stages.simulate",
         parameters=(
-            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.preferences",
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
+            "tasks.{task}.preferences",
             "simulate.participants", "simulate.spread_rad", "simulate.skill", "simulate.topic", "simulate.extra_joints",
             "simulate.weights.{task}", "ingest.waypoints",
         ),
@@ -95,8 +96,9 @@ STAGES = (
     Stage(
         "sample", Scope.TASK, "sample", "pipeline.stages.sample",
         parameters=(
-            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor",
-            "tasks.{task}.preferences", "ingest.waypoints", "sample", "compute.partition",
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
+            "tasks.{task}.anchor", "tasks.{task}.preferences",
+            "ingest.waypoints", "sample", "compute.partition",
         ),
         named=("sample.given",),
         reads=("demonstrations",),
@@ -125,9 +127,10 @@ STAGES = (
     Stage(
         "shift", Scope.TASK, "shift", "pipeline.stages.shift",
         parameters=(
-            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor",
-            "tasks.{task}.preferences", "ingest.waypoints", "sample.sizes", "sample.deformation.modes",
-            "sample.planner.width_rad", "robustness.samplers",
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
+            "tasks.{task}.anchor", "tasks.{task}.preferences",
+            "ingest.waypoints", "sample.sizes", "sample.deformation.modes", "sample.planner.width_rad",
+            "robustness.samplers",
         ),
         reads=("demonstrations",),
         inputs=(SCENE,),
@@ -136,7 +139,8 @@ STAGES = (
     Stage(
         "robustness", Scope.TASK, "study robustness", "pipeline.stages.robustness",
         parameters=(
-            "seed", "tasks.{task}.end_effector", "tasks.{task}.features", "tasks.{task}.thetas", "density",
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.anchor", "tasks.{task}.features", "tasks.{task}.thetas",
+            "density",
             "infer.theta_values", "infer.betas", "robustness.duplicates", "robustness.bandwidth_factors",
         ),
         reads=("demonstrations", "features", "scales", "shifted_alternatives"),

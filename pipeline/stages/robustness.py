@@ -27,12 +27,14 @@ from pipeline.studies.robustness.sensitivity import vary_choices
 from pipeline.studies.robustness.tests import ANOVA, POST_HOC, analyse_regime, summarise
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.vocabulary import INDEPENDENT, KNOWN_DENSITY, SAMPLER_SHIFT, WORKING
+from pipeline.workspace.anchors import anchor_keys
 from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, Run, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
 
 INPUTS = ("demonstrations", "features", "scales", "shifted_alternatives")
+PEOPLE = ("demonstration_id", "participant", "true_theta")
 SCALES = ("range", "std", "none")
 POSTERIORS = "robustness_posteriors"  # has many rows where there are many hypotheses, in the order of its key
 
@@ -73,7 +75,7 @@ def _tables(
     _require_sets(alternatives, settings.duplicates.set_size)
     scales = sources["scales"].read()
     scale = scales["scale"].to_numpy()
-    people = sources["demonstrations"].read(["demonstration_id", "participant", "true_theta"])
+    people = sources["demonstrations"].read([*PEOPLE, "waypoints"])
     problem = Problem(
         _demonstrations(people, own, features.names, scale),
         {
@@ -89,14 +91,16 @@ def _tables(
     result = compare_samplings(problem, bandwidth, watched[0])
     pool = sources["features"].read(features.names, where=is_alternative).to_numpy()
     used = scales["method"][0]
-    ratios = {method: scale / feature_scale(pool, method, features.names) for method in SCALES if method != used}
+    shown = own.filter(kind="demonstration").select(features.names).to_numpy()
+    ratios = {method: scale / feature_scale(pool, method, features.names, shown) for method in SCALES if method != used}
     sensitivity = vary_choices(problem, result, bandwidth, settings.bandwidth_factors, ratios, used, watched[1])
+    keys = anchor_keys(features.scene, task, people)
     duplicates = inject_duplicates(
         problem,
         tuple(sets for sets in problem.regimes[INDEPENDENT] if sets.set_size == settings.duplicates.set_size),
         settings.duplicates,
         bandwidth,
-        lambda set_id, anchor: child_rng(project.params.seed, "duplicates", name, anchor, set_id),
+        lambda set_id, anchor: child_rng(project.params.seed, "duplicates", keys[anchor], set_id),
         watched[2],
     )
     record.produced = f"{result.posteriors.height // len(problem.thetas):,} posteriors over theta compared"

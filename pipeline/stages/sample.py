@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import json
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -16,49 +17,73 @@ from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.partitions import cut, gathered
 from pipeline.formats.parquet.tables import read_column, table_writer, write_table
 from pipeline.params import Sample
-from pipeline.replay.planning import SEARCH, Planning, Room
+from pipeline.replay.planning import Planning, planned_paths
+from pipeline.replay.room import Room
 from pipeline.replay.scene import Scene, model_hash, scene_files
 from pipeline.stages.registry import parameters
-from pipeline.trajectories.optimise import optimise_paths, random_weights
-from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.trajectories.samplers import Deformation, Draw, Mixture, Planner, Sampler, Tally, ViaPoint
+from pipeline.trajectories.samplers import Deformation, Draw, Planner, Sampler, Tally, ViaPoint
 from pipeline.trajectories.timebase import to_branch
-from pipeline.vocabulary import DEFORMATION, GIVEN, PLANNER, TASK_ANCHOR, VIA_POINT, WORKING
+from pipeline.vocabulary import DEFORMATION, GIVEN, MIXTURE, PLANNER, TASK_ANCHOR, VIA_POINT, WORKING
+from pipeline.workspace.anchors import Ends, ends_of, shortened
 from pipeline.workspace.compute.executor import workers
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
-from pipeline.workspace.scenes import SceneFile, load_task_scene, loaded, scene_file
+from pipeline.workspace.scenes import load_task_scene
 
+MIXED = (DEFORMATION, VIA_POINT, PLANNER)  # what a mixture has equal parts of
+TRIED, LEAST_ACCEPTANCE = 20, 0.01  # drawn from each of them, and the share that must keep to the room
 Drawn = tuple[tuple[str, int, str], pl.DataFrame, tuple[Tally, ...]]  # which set, rows of its table, what it took
 
 
-@dataclass(frozen=True)
-class Portion:
-    """Some of the rows of a set, drawn from a random stream of their own.
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """What a worker needs to find the samplers of one anchor.
 
     Attributes:
-        scene, surface: what the alternatives must keep to.
-        sampler: draws them.
-        ends: where they start and end.
+        ends: the anchor.
+        preferences: JSON of what paths are planned for.
+        settings: which samplers.
         waypoints: T.
-        seed, stream: of the random numbers.
-        anchor, set_size, set_id: which set.
-        first, count: its rows from `first` on.
+        seed: of the random numbers.
     """
 
-    scene: SceneFile
-    surface: str | None
-    sampler: Sampler
-    ends: Anchor
+    ends: Ends
+    preferences: str
+    settings: Sample
     waypoints: int
     seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """Rows of a set that one sampler draws, from a random stream of their own."""
+
+    sampler: Sampler
+    count: int
     stream: tuple[str | int, ...]
-    anchor: str
+
+
+@dataclass(frozen=True, eq=False)
+class Portion:
+    """Some of the rows of a set.
+
+    Attributes:
+        ends: where they start and end.
+        shares: who draws them, one after another.
+        waypoints: T.
+        seed: of the random numbers.
+        set_size, set_id: which set.
+        first: the place of the first of them.
+    """
+
+    ends: Ends
+    shares: tuple[Share, ...]
+    waypoints: int
+    seed: int
     set_size: int
     set_id: str
     first: int
-    count: int
 
 
 def run(project: Project, name: str) -> None:
@@ -67,9 +92,8 @@ def run(project: Project, name: str) -> None:
     partition = project.params.compute.partition
     with recorded_run(project, "sample", name) as record:
         scene = load_task_scene(project, task)
-        planning = Planning(scene, task, project.params.ingest.waypoints)
         with OpenTable(project.table(name, "demonstrations"), "demonstrations") as source:
-            anchors = sampling_anchors(planning, source.read())
+            ends = ends_of(scene, task, source.read())
         inputs: list[Path | OpenTable] = [*scene_files(scene.path), source]
         if settings.given is not None:
             inputs.append(project.path(settings.given))
@@ -81,72 +105,142 @@ def run(project: Project, name: str) -> None:
             gathered(writer, partition) as table,
         ):
             if settings.given is None:
-                portions = _portions(project, name, planning, anchors)
+                preferences = json.dumps({key: dict(spec) for key, spec in task.preferences.items()})
+                jobs = [
+                    Planned(one, preferences, settings, project.params.ingest.waypoints, project.params.seed)
+                    for one in ends
+                ]
+                found = list(pool.mapped(samplers_of, jobs, f"sample {name}: plans"))
+                record.notes += shortened([note for _, notes in found for note in notes])
+                portions = _portions(project, ends, [samplers for samplers, _ in found])
                 drawn = pool.mapped(draw_portion, portions, f"sample {name}")
             else:
-                drawn = _given(project, name, planning, anchors)
+                drawn = _given(project, scene, ends)
             for which, rows, counts in drawn:
                 table.add(rows)
                 tallies.setdefault(which, []).extend(counts)
         shares = pl.concat([sampling_rows(added(counts), *which) for which, counts in tallies.items()])
         write_table(project.table(name, "sampling"), "sampling", shares, stated)
         rate = 1 - table.rows / int(shares["proposed"].sum())
-        record.produced = f"{len(tallies)} sets, {table.rows:,} trajectories ({rate:.0%} of the draws discarded)"
+        touching = shares["in_collision"].sum() / int(shares["proposed"].sum())
+        collided = f", {touching:.0%} in collision" if task.collisions else ""
+        record.produced = (
+            f"{len(tallies)} sets, {table.rows:,} trajectories ({rate:.0%} of the draws discarded{collided})"
+        )
 
 
-def _portions(project: Project, name: str, planning: Planning, anchors: Mapping[str, Anchor]) -> list[Portion]:
-    """All sets, those larger than a partition cut into portions; the stream of a set that is not cut has no number."""
+def samplers_of(job: Planned) -> tuple[tuple[Sampler, ...], tuple[str, ...]]:
+    """The samplers of one anchor, in equal parts if there are several, and what is to be said of them.
+
+    Of a mixture, a sampler that hardly ever keeps to the room is left out, and why is said.
+
+    Raises:
+        StageError: no sampler is left, or the ends are not possible.
+    """
+    room = job.ends.room()
+    parts = MIXED if job.settings.sampler == MIXTURE else (job.settings.sampler,)
+    found, notes, absent = list[Sampler](), list[str](), list[str]()
+    for part in parts:
+        try:
+            sampler, said = _sampler(part, job, room)
+            if len(parts) > 1:
+                rng = child_rng(job.seed, "trial", job.ends.key, part)
+                room.draw(sampler, rng, TRIED, job.waypoints, LEAST_ACCEPTANCE)
+        except StageError as error:
+            absent.append(f"no alternatives from {part!r}, whose part the others have: {error}")
+            continue
+        found.append(sampler)
+        notes += said
+    if not found:
+        raise StageError(f"anchor {job.ends.label!r}: {absent[0]}")
+    prefix = "" if job.ends.label == TASK_ANCHOR else f"{job.ends.label}: "
+    return tuple(found), (*room.remarks, *(f"{prefix}{note}" for note in [*notes, *absent]))
+
+
+def _sampler(part: str, job: Planned, room: Room) -> tuple[Sampler, list[str]]:
+    settings = job.settings
+    if part == DEFORMATION:
+        return Deformation(settings.deformation.width_rad, settings.deformation.modes), []
+    if part == VIA_POINT:
+        return ViaPoint(settings.via_point.reach_rad), []
+    planning = Planning.of(room, json.loads(job.preferences), job.waypoints)
+    return planned_sampler(planning, settings, settings.planner.paths, job.seed, "planner", job.ends.key)
+
+
+def planned_sampler(
+    planning: Planning, settings: Sample, count: int, seed: int, *labels: str
+) -> tuple[Planner, list[str]]:
+    """The planner of one anchor, and what could not be planned for.
+
+    Raises:
+        StageError: see `planned_paths`.
+    """
+    paths, unvaried = planned_paths(planning, count, seed, *labels)
+    said = (
+        [f"paths are planned without {', '.join(map(repr, unvaried))}, the same for all deformations"]
+        if unvaried
+        else []
+    )
+    return Planner(paths, Deformation(settings.planner.width_rad, settings.deformation.modes)), said
+
+
+def _portions(project: Project, ends: Sequence[Ends], samplers: Sequence[tuple[Sampler, ...]]) -> list[Portion]:
+    """All sets, each in equal parts from the samplers of its anchor; those larger than a partition in portions."""
     settings, seed, partition = project.params.sample, project.params.seed, project.params.compute.partition
-    sampler = _sampler(planning, settings, next(iter(anchors.values())), seed, name)
-    file = scene_file(planning.scene)
-    portions = []
-    for (label, anchor), (size, set_id) in product(anchors.items(), _sets(settings)):
-        for first, count in cut(size, partition):
-            number = () if size <= partition else (first // partition,)
-            stream = ("sample", name, label, size, set_id, *number)
-            portions.append(
-                Portion(
-                    file, planning.task.surface, sampler, anchor, planning.waypoints, seed, stream, label, size, set_id,
-                    first, count,
-                )
-            )  # fmt: skip
+    waypoints, portions = project.params.ingest.waypoints, []
+    for (one, parts), (size, set_id) in product(zip(ends, samplers, strict=True), _sets(settings)):
+        stream = ("sample", one.key, size, set_id)
+        counts = _equal_parts(size, len(parts), child_rng(seed, *stream))
+        starts = np.cumsum([0, *counts])
+        for number, (first, count) in enumerate(cut(size, partition)):
+            here = np.diff(np.clip(starts, first, first + count))
+            label = () if size <= partition else (number,)
+            shares = tuple(
+                Share(sampler, int(rows), (*stream, sampler.name, *label))
+                for sampler, rows in zip(parts, here, strict=True)
+                if rows
+            )
+            portions.append(Portion(one, shares, waypoints, seed, size, set_id, first))
     return portions
+
+
+def _equal_parts(size: int, parts: int, rng: np.random.Generator) -> list[int]:
+    """How many rows of a set each part has; which have one more is left to chance."""
+    more = rng.permutation(parts) < size % parts
+    return [size // parts + int(extra) for extra in more]
 
 
 def draw_portion(portion: Portion) -> Drawn:
     """Draw it."""
-    room = Room(loaded(portion.scene), portion.surface)
-    rng = child_rng(portion.seed, *portion.stream)
-    draw = room.draw(portion.sampler, rng, portion.ends, portion.count, portion.waypoints)
-    which = portion.anchor, portion.set_size, portion.set_id
+    room = portion.ends.room()
+    draws = [
+        room.draw(share.sampler, child_rng(portion.seed, *share.stream), share.count, portion.waypoints)
+        for share in portion.shares
+    ]
+    draw = Draw(
+        np.concatenate([one.waypoints for one in draws]),
+        tuple(name for one in draws for name in one.sampler),
+        tuple(tally for one in draws for tally in one.tallies),
+    )
+    which = portion.ends.label, portion.set_size, portion.set_id
     return which, alternative_rows(draw, *which, portion.first), draw.tallies
 
 
-def _given(project: Project, name: str, planning: Planning, anchors: Mapping[str, Anchor]) -> Iterator[Drawn]:
+def _given(project: Project, scene: Scene, ends: Sequence[Ends]) -> Iterator[Drawn]:
     """All sets, from the trajectories that are given."""
     settings, partition = project.params.sample, project.params.compute.partition
-    pool = given_trajectories(project.path(str(settings.given)), planning.scene, planning.waypoints)
-    for label, (size, set_id) in product(anchors, _sets(settings)):
+    pool = given_trajectories(project.path(str(settings.given)), scene, project.params.ingest.waypoints)
+    for one, (size, set_id) in product(ends, _sets(settings)):
         if size > len(pool):
             raise StageError(
                 f"a set of {size} is wanted and sample.given has {len(pool)} trajectories; lower sample.sizes or "
                 "working_set"
             )
-        rng = child_rng(project.params.seed, "sample", name, label, size, set_id)
+        rng = child_rng(project.params.seed, "sample", one.key, size, set_id, GIVEN)
         chosen = rng.choice(len(pool), size, replace=False)
         for first, count in cut(size, partition):
-            tally = Tally(GIVEN, count, 0, 0)
-            draw = Draw(pool[chosen[first : first + count]], (GIVEN,) * count, (tally,))
-            yield (label, size, set_id), alternative_rows(draw, label, size, set_id, first), draw.tallies
-
-
-def sampling_anchors(planning: Planning, demonstrations: pl.DataFrame) -> dict[str, Anchor]:
-    """Where the alternatives start and end: the task's start and goal, or each demonstration's own."""
-    if planning.task.anchor == TASK_ANCHOR:
-        return {TASK_ANCHOR: planning.anchor}
-    paths = demonstrations["waypoints"].to_numpy()
-    ids = demonstrations["demonstration_id"].to_list()
-    return {key: Anchor(path[0], path[-1]) for key, path in zip(ids, paths, strict=True)}
+            draw = Draw(pool[chosen[first : first + count]], (GIVEN,) * count, (Tally(GIVEN, count),))
+            yield (one.label, size, set_id), alternative_rows(draw, one.label, size, set_id, first), draw.tallies
 
 
 def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> FloatArray:
@@ -165,6 +259,7 @@ def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> FloatArray
             f"{path}: has trajectories of {flat.shape[-1]} numbers; needed are {n_waypoints} waypoints x "
             f"{len(scene.joints)} joints = {n_waypoints * len(scene.joints)} finite ones"
         )
+    flat = flat[np.lexsort(flat.T[::-1])]  # in whatever order they are given, the same are drawn
     paths = flat.reshape(len(flat), n_waypoints, len(scene.joints))
     reference = paths[0, 0] if scene.start is None else scene.start
     return np.stack([to_branch(path, reference, scene.continuous) for path in paths])
@@ -175,36 +270,6 @@ def _sets(settings: Sample) -> Iterator[tuple[int, str]]:
     for size in settings.sizes:
         for number in range(settings.sets):
             yield size, f"{number:02d}"
-
-
-def _sampler(planning: Planning, settings: Sample, anchor: Anchor, seed: int, name: str) -> Sampler:
-    deformation = Deformation(settings.deformation.width_rad, settings.deformation.modes)
-    via_point = ViaPoint(settings.via_point.reach_rad)
-    if settings.sampler == DEFORMATION:
-        return deformation
-    if settings.sampler == VIA_POINT:
-        return via_point
-    planner = planned_sampler(planning, settings, anchor, settings.planner.paths, (seed, "planner", name))
-    return planner if settings.sampler == PLANNER else Mixture((deformation, via_point, planner), (1.0, 1.0, 1.0))
-
-
-def planned_sampler(
-    planning: Planning, settings: Sample, anchor: Anchor, count: int, stream: tuple[int, *tuple[str, ...]]
-) -> Planner:
-    """The planner, its paths planned once, from `anchor`; they serve others as deviations from the straight path."""
-    scales = planning.preference_scales(child_rng(*stream, "scales"), anchor, Deformation())
-    lower, upper = planning.room.limits(anchor)
-    planned = optimise_paths(
-        [child_rng(*stream, path) for path in range(count)],
-        anchor,
-        random_weights(child_rng(*stream, "weights"), count, len(scales)),
-        planning.scaled(scales),
-        lower=lower,
-        upper=upper,
-        n_waypoints=planning.waypoints,
-        search=SEARCH,
-    )
-    return Planner(planned.waypoints, Deformation(settings.planner.width_rad, settings.deformation.modes))
 
 
 def alternative_rows(draw: Draw, anchor: str, size: int, set_id: str, first: int = 0) -> pl.DataFrame:
@@ -227,13 +292,7 @@ def added(tallies: Iterable[Tally]) -> tuple[Tally, ...]:
     """The tallies of all portions of a set, one for each sampler, in alphabetical order."""
     sums: dict[str, Tally] = {}
     for one in tallies:
-        had = sums.get(one.sampler, Tally(one.sampler, 0, 0, 0))
-        sums[one.sampler] = Tally(
-            one.sampler,
-            had.proposed + one.proposed,
-            had.outside_limits + one.outside_limits,
-            had.inadmissible + one.inadmissible,
-        )
+        sums[one.sampler] = sums[one.sampler] + one if one.sampler in sums else one
     return tuple(sums[sampler] for sampler in sorted(sums))
 
 
@@ -246,6 +305,9 @@ def sampling_rows(tallies: Sequence[Tally], anchor: str, size: int, set_id: str)
             "set_id": set_id,
             "sampler": [tally.sampler for tally in tallies],
             "proposed": [tally.proposed for tally in tallies],
+            "outside_limits": [tally.outside_limits for tally in tallies],
+            "through_surface": [tally.through_surface for tally in tallies],
+            "in_collision": [tally.in_collision for tally in tallies],
             "kept": [tally.kept for tally in tallies],
         }
     )

@@ -33,9 +33,11 @@ def run(project: Project, name: str) -> None:
             "end_effector": scene.end_effector,
             "joints": joints(scene),
             "keyframes": [key for key, pose in (("start", scene.start), ("goal", scene.goal)) if pose is not None],
+            "remarks": scene.remarks,
         }
         with written_whole(project.scene_record(name)) as stream:
             stream.write(f"{json.dumps(about, indent=2)}\n".encode())
+        record.notes += scene.remarks
         record.produced = f"{len(scene.joints)} joints, {len(files)} files"
 
 

@@ -9,11 +9,10 @@ import numpy as np
 from pipeline.errors import ParameterError, one_of
 from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.mcap.writer import METADATA, write_joint_states
-from pipeline.replay.planning import SEARCH, Planning
-from pipeline.trajectories.optimise import optimise_paths
+from pipeline.replay.planning import Planning
+from pipeline.replay.room import Room, task_anchor
 from pipeline.trajectories.participants import Driver, Hand, demonstrate, draw_participants, driver_messages
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.trajectories.samplers import Deformation
 from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.scenes import load_task_scene
@@ -29,35 +28,39 @@ def run(project: Project, name: str) -> None:
         raise ParameterError(f"simulate.weights has no task {name!r}; it has {one_of(settings.weights)}")
     with recorded_run(project, "simulate", name) as record:
         scene = load_task_scene(project, task)
-        planning = Planning(scene, task, project.params.ingest.waypoints)
-        preferences = planning.preferences
-        scales = planning.preference_scales(child_rng(seed, "simulate", name, "scales"), planning.anchor, Deformation())
-        theta = np.array([settings.weights[name].get(term, 0.0) for term in preferences.names])
+        room = Room.of(scene, task.surface, task.collisions, task_anchor(scene), str(scene.path))
+        planning = Planning.of(room, task.preferences, project.params.ingest.waypoints)
+        names = planning.preferences.names
+        # what people want makes them, not what the task is called
+        wanted = json.dumps(
+            {term: [dict(task.preferences[term]), settings.weights[name].get(term, 0.0)] for term in names}
+        )
+        scales = planning.scales(child_rng(seed, "simulate", wanted, "scales"))
+        record.notes += [
+            *room.remarks,
+            *(
+                f"nobody can be planned for {term!r}: it is the same for all deformations"
+                for term in planning.unvaried(scales)
+            ),
+        ]
+        theta = np.array([settings.weights[name].get(term, 0.0) for term in names])
         people = draw_participants(
-            child_rng(seed, "simulate", name), theta, settings.participants,
+            child_rng(seed, "simulate", wanted), theta, settings.participants,
             spread_rad=settings.spread_rad, skill=settings.skill,
         )  # fmt: skip
-        planned = optimise_paths(
-            [child_rng(seed, "simulate", name, person.name, "plan") for person in people],
-            planning.anchor,
-            np.stack([person.theta for person in people]),
-            planning.scaled(scales),
-            lower=scene.lower,
-            upper=scene.upper,
-            n_waypoints=planning.waypoints,
-            search=SEARCH,
-        )
+        rngs = [child_rng(seed, "simulate", wanted, person.name, "plan") for person in people]
+        planned = planning.optimised(rngs, np.stack([person.theta for person in people]), scales)
         driver = Driver(scene.joints, tuple(scene.continuous.tolist()), settings.extra_joints)
         with folder_written_whole(project.datasets / name / "recordings") as folder:
-            pairs = list(zip(people, planned.waypoints, strict=True))
+            pairs = list(zip(people, planned, strict=True))
             for place, (person, path) in enumerate(tracked(pairs, f"simulate {name}")):
-                rng = child_rng(seed, "simulate", name, person.name, "hand")
+                rng = child_rng(seed, "simulate", wanted, person.name, "hand")
                 motion = demonstrate(
                     rng, path, person.skill, Hand(),
-                    lower=scene.lower, upper=scene.upper, admissible=planning.room.admissible,
+                    lower=scene.lower, upper=scene.upper, admissible=room.admissible,
                 )  # fmt: skip
                 log = driver_messages(rng, motion, driver, FIRST_NS + place * SLOT_NS)
-                truth = dict(zip(preferences.names, (-person.theta / scales).tolist(), strict=True))
+                truth = dict(zip(names, (-person.theta / scales).tolist(), strict=True))
                 about = {
                     "participant": person.name,
                     "task": name,

@@ -1,4 +1,7 @@
-"""Named random streams: every result has its own, so adding one changes no other."""
+"""Labelled random streams: every result has its own, so adding one changes no other.
+
+Labels are purposes, positions and content, never the names of files, tasks or people, which may be changed at will.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,17 @@ import json
 
 import numpy as np
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
+
+
+def content_key(*arrays: FloatArray) -> str:
+    """A label for a stream that belongs to some numbers, whatever they are called: SHA-256 of them to six decimals.
+
+    Rounded, so that the last bits, which differ between ways to compute the same, do not count.
+    """
+    rounded = [np.round(np.asarray(array, dtype=np.float64), 6) + 0.0 for array in arrays]  # -0 is 0
+    return hashlib.sha256(b"".join(values.astype("<f8").tobytes() for values in rounded)).hexdigest()
 
 
 def child_rng(seed: int, *labels: str | int) -> np.random.Generator:

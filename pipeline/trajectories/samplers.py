@@ -6,7 +6,10 @@ Shapes and units are those of `paths`; every path starts and ends exactly at its
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -15,7 +18,6 @@ from numpy.typing import NDArray
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.paths import (
-    Admissible,
     Anchor,
     frozen,
     natural_bump,
@@ -31,6 +33,7 @@ __all__ = [
     "Anchor",
     "Deformation",
     "Draw",
+    "Fate",
     "Mixture",
     "Planner",
     "Sampler",
@@ -41,7 +44,19 @@ __all__ = [
 ]
 
 _HOPELESS_AFTER = 2000  # proposals before a low acceptance is called hopeless
-_KEPT, _OUTSIDE, _REFUSED = _FATES = range(3)  # of a proposal
+
+
+class Fate(IntEnum):
+    """What becomes of a proposal: kept, or discarded for the first reason that applies."""
+
+    KEPT = 0
+    OUTSIDE_LIMITS = 1
+    THROUGH_SURFACE = 2
+    IN_COLLISION = 3
+
+
+Judge = Callable[[FloatArray], IntArray]
+"""(N, T, J) waypoints within the joint limits to the fate (N,) that the scene has for each."""
 
 
 class Sampler(Protocol):
@@ -144,8 +159,7 @@ class ViaPoint:
 class Planner:
     """Deformations around one of a few planned paths, each as likely.
 
-    What is kept of a planned path is its deviation from its own straight path, so the sampler also serves
-    anchors near the one that was planned for.
+    What is kept of a planned path is its deviation from its own straight path.
 
     Attributes:
         paths: (P, T, J) planned paths, such as those of `optimise_paths` under random weights.
@@ -169,11 +183,14 @@ class Planner:
                 f"paths are of {self.paths.shape[1]} waypoints and {self.paths.shape[2]} joints, and "
                 f"{n_waypoints} and {anchor.start.size} were asked for; plan them again for this task."
             )
-        deviations = self.paths - np.stack(
-            [straight_path(Anchor(path[0], path[-1]), n_waypoints) for path in self.paths]
-        )
-        picked = deviations[rng.integers(len(deviations), size=count)]
+        picked = self._deviations[rng.integers(len(self.paths), size=count)]
         return self.deformation.sample(rng, anchor, count, n_waypoints) + picked
+
+    @cached_property
+    def _deviations(self) -> FloatArray:
+        """(P, T, J) of the planned paths from their own straight paths."""
+        lines = [straight_path(Anchor(path[0], path[-1]), self.paths.shape[1]) for path in self.paths]
+        return self.paths - np.stack(lines)
 
 
 @dataclass(frozen=True)
@@ -210,18 +227,30 @@ class Tally:
         sampler: name of the sampler.
         proposed: paths drawn in all.
         outside_limits: of these, discarded because a joint leaves its limits.
-        inadmissible: of these, within the limits and discarded because the scene does not allow them.
+        through_surface: of these, within the limits and discarded because something goes through the surface.
+        in_collision: of these, above the surface and discarded because the arm touches itself or something.
     """
 
     sampler: str
     proposed: int
-    outside_limits: int
-    inadmissible: int
+    outside_limits: int = 0
+    through_surface: int = 0
+    in_collision: int = 0
 
     @property
     def kept(self) -> int:
         """Proposals that passed."""
-        return self.proposed - self.outside_limits - self.inadmissible
+        return self.proposed - self.outside_limits - self.through_surface - self.in_collision
+
+    def __add__(self, other: Tally) -> Tally:
+        """Of the proposals of both, which are of one sampler."""
+        return Tally(
+            self.sampler,
+            self.proposed + other.proposed,
+            self.outside_limits + other.outside_limits,
+            self.through_surface + other.through_surface,
+            self.in_collision + other.in_collision,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,10 +282,10 @@ def draw_admissible(
     *,
     lower: FloatArray,
     upper: FloatArray,
-    admissible: Admissible,
+    judge: Judge,
     least_acceptance: float = 1e-3,
 ) -> Draw:
-    """Draw `count` paths that keep the joint limits and that `admissible` accepts; others are drawn again.
+    """Draw `count` paths that keep the joint limits and that `judge` keeps; others are drawn again.
 
     Each round proposes exactly as many paths as are still missing, so none is drawn in vain and the result is a
     function of the generator's state alone.
@@ -268,7 +297,7 @@ def draw_admissible(
         count: number of paths wanted, >= 1.
         n_waypoints: T, >= 2.
         lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
-        admissible: (N, T, J) -> (N,) booleans; sees only paths within the limits.
+        judge: gives each path its fate; sees only paths within the limits.
         least_acceptance: the share of accepted proposals below which the attempt is given up.
 
     Raises:
@@ -282,23 +311,25 @@ def draw_admissible(
     fates: Counter[tuple[str, int]] = Counter()
     missing = count
     while missing:
-        paths, fate, drawn_by = _judged(sampler, rng, anchor, missing, n_waypoints, lower, upper, admissible)
-        kept = fate == _KEPT
+        paths, fate, drawn_by = _judged(sampler, rng, anchor, missing, n_waypoints, lower, upper, judge)
+        kept = fate == Fate.KEPT
         rounds.append((paths[kept], drawn_by[kept]))
         fates.update(zip(drawn_by.tolist(), fate.tolist(), strict=True))
         missing -= int(kept.sum())
         proposed = fates.total()
         if proposed >= _HOPELESS_AFTER and count - missing < least_acceptance * proposed:
-            outside, refused = (sum(n for (_, fate), n in fates.items() if fate == why) for why in (_OUTSIDE, _REFUSED))
+            outside, through, touching = (
+                sum(n for (_, fate), n in fates.items() if fate == why) for why in Fate if why != Fate.KEPT
+            )
             raise StageError(
-                f"sampler {sampler.name!r} had {count - missing} of {proposed} paths accepted "
-                f"({outside} left the joint limits, {refused} were not allowed by the "
-                f"scene), at least {least_acceptance:g} of them must be; make it narrower or move the start and goal."
+                f"sampler {sampler.name!r} had {count - missing} of {proposed} paths accepted ({outside} left the "
+                f"joint limits, {through} went through the surface, {touching} touched something); at least "
+                f"{least_acceptance:g} of them must be: make it narrower or move the start and goal."
             )
     waypoints = np.concatenate([paths for paths, _ in rounds])
     waypoints.setflags(write=False)
     tallies = tuple(
-        Tally(name, sum(fates[name, fate] for fate in _FATES), fates[name, _OUTSIDE], fates[name, _REFUSED])
+        Tally(name, sum(fates[name, fate] for fate in Fate), *(fates[name, fate] for fate in Fate if fate != Fate.KEPT))
         for name in sorted({name for name, _ in fates})
     )
     return Draw(waypoints, tuple(np.concatenate([names for _, names in rounds])), tallies)
@@ -312,14 +343,14 @@ def _judged(
     n_waypoints: int,
     lower: FloatArray,
     upper: FloatArray,
-    admissible: Admissible,
+    judge: Judge,
 ) -> tuple[FloatArray, IntArray, NDArray[np.object_]]:
     """Proposals (count, T, J), the fate of each (count,) and who drew it (count,)."""
     paths, drawn_by = propose(sampler, rng, anchor, count, n_waypoints)
     inside = within_limits(paths, lower, upper)
-    fate = np.where(inside, _KEPT, _OUTSIDE)
+    fate = np.where(inside, Fate.KEPT, Fate.OUTSIDE_LIMITS)
     if inside.any():
-        fate[inside] = np.where(admissible(paths[inside]), _KEPT, _REFUSED)
+        fate[inside] = judge(paths[inside])
     return paths, fate, drawn_by
 
 

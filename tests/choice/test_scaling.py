@@ -4,8 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from pipeline.choice.scaling import feature_scale
+from pipeline.arrays import FloatArray
+from pipeline.choice import LESS, infer
+from pipeline.choice.scaling import Spread, feature_scale
 from pipeline.errors import ArgumentError
 
 FEATURES = np.array([[1.0, -20.0], [4.0, 0.0], [3.0, -10.0], [2.0, 30.0]])
@@ -45,18 +49,47 @@ def test_a_change_of_units_changes_no_scaled_feature(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["range", "std"])
 @pytest.mark.parametrize("value", [0.0, 5.0, 0.1])
-def test_a_feature_that_does_not_vary_is_refused_by_name(method: str, value: float) -> None:
+def test_a_feature_that_does_not_vary_is_left_as_it_is(method: str, value: float) -> None:
     pool = np.column_stack([np.arange(7.0), np.full(7, value)])
-    with pytest.raises(ArgumentError, match="'height' is the same for all 7 alternatives"):
-        feature_scale(pool, method, NAMES)
+    assert feature_scale(pool, method, NAMES)[1] == 1
+    assert feature_scale(pool, method, NAMES, np.array([[3.0, value], [9.0, value]]))[1] == 1
+    assert Spread.of(pool).varies.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("method", ["range", "std"])
+def test_where_only_demonstrations_vary_they_differ_by_one(method: str) -> None:
+    """A person went near the laptop and no alternative does: the difference counts as the largest of its kind."""
+    pool, people = np.column_stack([np.arange(7.0), np.zeros(7)]), np.array([[3.0, 2.5], [90.0, 0.5]])
+    scale = feature_scale(pool, method, NAMES, people)
+    assert scale[1] == 2.5
+    assert scale[0] == feature_scale(pool, method, NAMES)[0]  # of the others, demonstrations change nothing
+    np.testing.assert_allclose(feature_scale(pool * 1e3, method, NAMES, people * 1e3), 1e3 * scale)
 
 
 def test_rounding_is_no_spread() -> None:
     pool = np.column_stack([np.arange(3.0), [1.0, 1.0 + 1e-15, 1.0]])
-    with pytest.raises(ArgumentError, match="'height'"):
-        feature_scale(pool, "range", NAMES)
+    assert feature_scale(pool, "range", NAMES)[1] == 1
     pool[1, 1] = 1.0 + 1e-11
     np.testing.assert_allclose(feature_scale(pool, "range", NAMES)[1], 1e-11, rtol=1e-4)
+
+
+@given(st.integers(0, 2), st.sampled_from([0.0, 3.0, -1e4]), st.integers(0, 2**32 - 1))
+def test_a_feature_that_does_not_vary_tells_nothing(place: int, value: float, seed: int) -> None:
+    """With and without it, the posterior over the other weights is the same, to rounding."""
+    rng = np.random.default_rng(seed)
+    others, people = rng.random((20, 2)), rng.random((3, 2))
+    thetas = np.array([[-1.0, 0.0], [0.0, -1.0], [-0.6, -0.8]])
+    names = ("a", "b", "c")
+
+    def posterior(with_it: bool) -> FloatArray:
+        pool, shown, weights = others, people, thetas
+        if with_it:
+            pool, shown = (np.insert(rows, place, value, axis=1) for rows in (others, people))
+            weights = np.insert(thetas, place, -0.7, axis=1)
+        scale = feature_scale(pool, "range", names[: pool.shape[1]], shown)
+        return infer(LESS(bandwidth=0.1), shown / scale, pool / scale, weights, betas=(1.0, 10.0)).log_probability
+
+    np.testing.assert_allclose(posterior(True), posterior(False), atol=1e-8)
 
 
 def test_a_feature_that_does_not_vary_may_be_left_as_it_is() -> None:

@@ -140,4 +140,4 @@ def test_clear_of_the_table_sees_hand_and_mug(alternatives):
     clear = clear_of(scene(), alternatives)
     heights = body_positions(scene(), alternatives, ["j2s7s300_link_7"])["j2s7s300_link_7"][..., 2]
     assert not clear[heights.min(axis=1) < -0.1016].any()
-    assert clear.mean() > 0.6
+    assert 0.55 < clear.mean() < 0.62  # in 0.62 only the origins of hand and mug stay above it, not the mug's rim

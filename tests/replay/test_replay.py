@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import ArgumentError, SceneError
-from pipeline.replay import body_positions, clear_of, load_scene, replay
+from pipeline.replay import body_positions, replay
 
 
 @pytest.fixture
@@ -63,7 +63,6 @@ def test_chunks_come_in_order_and_stay_valid(gantry, waypoints):
 def test_no_trajectories(gantry):
     nothing = np.empty((0, 5, 3))
     assert list(replay(gantry, nothing)) == []
-    assert clear_of(gantry, nothing, "bench").shape == (0,)
     assert body_positions(gantry, nothing, ["tip"])["tip"].shape == (0, 5, 3)
 
 
@@ -81,46 +80,3 @@ def test_other_arguments(gantry, waypoints):
         replay(gantry, waypoints[:1], chunk=0)
     with pytest.raises(SceneError, match="'nose'"):
         body_positions(gantry, waypoints[:1], ["nose"])
-
-
-def test_clear_of_a_surface(gantry):
-    # the bench's top is at 0.1 and the hook at z = 0.5 - 0.3 sin(bow), so never under it
-    down = np.array([[[0.0, 0.0, 1.5]]])
-    assert clear_of(gantry, down, "bench").tolist() == [True]
-    deep = gantry.path.with_name("deep.xml")
-    deep.write_text(gantry.path.read_text().replace('carriage" pos="0 0 0.5"', 'carriage" pos="0 0 0.35"'))
-    scene = load_scene(deep, end_effector="hook", joints=["rail", "swing", "bow"])
-    level, dipped = [0.0, 0.0, 0.0], [0.0, 0.0, 1.5]  # hook at z = 0.05
-    beyond, beside = [1.0, 0.0, 1.5], [0.0, np.pi / 2, 1.5]  # as deep, off its end (x > 1.1) and side (y > 0.3)
-    trajectories = np.array([[level, level], [level, dipped], [dipped, level], [beyond, level], [beside, level]])
-    assert clear_of(scene, trajectories, "bench").tolist() == [True, False, False, True, True]
-
-
-def test_clear_of_a_tilted_surface_written_out(gantry):
-    upright = 'pos="0.5 0 0.05" size="0.6 0.3 0.05"'
-    text = gantry.path.read_text().replace(upright, 'pos="0.5 0 0.4" size="0.6 0.3 0.05" euler="0.3 -0.4 0.5"')
-    tilted = gantry.path.with_name("tilted.xml")
-    tilted.write_text(text)
-    scene = load_scene(tilted, end_effector="hook", joints=["rail", "swing", "bow"])
-    waypoints = np.random.default_rng(5).uniform(-1.5, 1.5, (400, 4, 3))
-    data, expected = mujoco.MjData(scene.model), []
-    bench = scene.site_id("bench")
-    for trajectory in waypoints:
-        under = False
-        for configuration in trajectory:
-            data.qpos[:] = scene.home
-            data.qpos[scene.qpos_addresses] = configuration
-            mujoco.mj_kinematics(scene.model, data)
-            for body in ("carriage", "boom", "wrist", "hook", "thumb"):
-                x, y, z = (data.body(body).xpos - data.site_xpos[bench]) @ data.site_xmat[bench].reshape(3, 3)
-                under = under or (z < 0.05 and abs(x) <= 0.6 and abs(y) <= 0.3)
-        expected.append(not under)
-    assert 0.1 < np.mean(expected) < 0.9
-    assert clear_of(scene, waypoints, "bench").tolist() == expected
-
-
-def test_surface_must_be_a_box_site(gantry, waypoints):
-    with pytest.raises(SceneError, match=r"no site named 'table_top'; it has bench, dot, tip\.$"):
-        clear_of(gantry, waypoints)
-    with pytest.raises(SceneError, match=r"'dot' .* is not a box"):
-        clear_of(gantry, waypoints, "dot")

@@ -47,6 +47,7 @@ PARAMETERS: dict[str, Any] = {
             "scene": "gantry.xml",
             "end_effector": "tip",
             "surface": "floor",
+            "collisions": False,
             "recordings": "mine",
             "anchor": "task",
             "features": {
@@ -112,14 +113,22 @@ def make_project(tmp_path: Path) -> Callable[[dict[str, Any]], Project]:
     return make
 
 
-def record(path: Path, bow: float = 0.0, names: tuple[str, ...] = ("bend", "gripper", "rail", "swing")) -> None:
-    """A recording at 100 Hz from the scene's start to its goal, joints in an order of their own, idle at both ends."""
+def record(
+    path: Path,
+    bow: float = 0.0,
+    names: tuple[str, ...] = ("bend", "gripper", "rail", "swing"),
+    start: tuple[float, float, float] = (-0.3, -0.6, 0.1),
+    goal: tuple[float, float, float] = (0.3, 0.9, -0.2),
+    participant: str | None = None,
+) -> None:
+    """A recording at 100 Hz, by default from the scene's start to its goal, joints in an order of their own, idle at
+    both ends; `start` and `goal` give rail, swing and bend.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     s = np.clip(np.linspace(-0.2, 1.2, 280), 0, 1)[:, None]
-    start, goal = np.array([-0.3, -0.6, 0.1]), np.array([0.3, 0.9, -0.2])
-    pose = start + s * (goal - start) + bow * np.sin(np.pi * s)
+    pose = np.array(start) + s * (np.array(goal) - np.array(start)) + bow * np.sin(np.pi * s)
     columns = {"rail": pose[:, 0], "swing": pose[:, 1] + 2 * np.pi, "bend": pose[:, 2], "gripper": 0 * pose[:, 0]}
     positions = np.stack([columns.get(name, columns["gripper"]) for name in names], axis=1)
     time_ns = 1_700_000_000_000_000_000 + 10_000_000 * np.arange(280)
-    about = {"demonstration": {"participant": path.stem.replace("demo", "person")}}
+    about = {"demonstration": {"participant": participant or path.stem.replace("demo", "person")}}
     write_joint_states(path, time_ns, names, positions, topic="/arm/joints", metadata=about)

@@ -1,8 +1,10 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from pipeline.arrays import FloatArray
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, StageError
 from pipeline.trajectories.paths import sine_basis, straight_path
 from pipeline.trajectories.random_streams import child_rng
@@ -10,9 +12,12 @@ from pipeline.trajectories.samplers import (
     Anchor,
     Deformation,
     Draw,
+    Fate,
+    Judge,
     Mixture,
     Planner,
     Sampler,
+    Tally,
     ViaPoint,
     draw_admissible,
 )
@@ -31,9 +36,13 @@ def above_ground(waypoints: FloatArray) -> FloatArray:
     return (np.array([0.5, 0.4, 0.2]) * np.sin(angles)).sum(axis=-1).min(axis=1) > 0.5
 
 
+def judged(allowed: Callable[[FloatArray], FloatArray]) -> Judge:
+    return lambda waypoints: np.where(allowed(waypoints), Fate.KEPT, Fate.THROUGH_SURFACE)
+
+
 def draw(sampler: Sampler, count: int, *labels: str | int) -> Draw:
     rng = child_rng(1, sampler.name, *labels)
-    return draw_admissible(sampler, rng, ANCHOR, count, T, lower=LOWER, upper=UPPER, admissible=above_ground)
+    return draw_admissible(sampler, rng, ANCHOR, count, T, lower=LOWER, upper=UPPER, judge=judged(above_ground))
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS, ids=lambda s: s.name)
@@ -127,7 +136,7 @@ def test_a_mixture_picks_by_weight_and_says_who_drew() -> None:
         T,
         lower=-everywhere,
         upper=everywhere,
-        admissible=lambda w: np.full(len(w), True),
+        judge=judged(lambda w: np.full(len(w), True)),
     )
     assert [(t.sampler, t.kept == t.proposed) for t in drawn.tallies] == [
         ("deformation", True),
@@ -154,35 +163,55 @@ def test_rejection_counts_add_up_and_leave_the_truncated_distribution() -> None:
         3,
         lower=np.array([-np.inf]),
         upper=np.array([2.5 * sigma]),
-        admissible=lambda w: w[:, 1, 0] >= 0,
+        judge=judged(lambda w: w[:, 1, 0] >= 0),
     )
     (tally,) = drawn.tallies
     assert tally.kept == 4000
-    assert tally.proposed == 4000 + tally.outside_limits + tally.inadmissible
+    assert tally.proposed == 4000 + tally.outside_limits + tally.through_surface
     outside = 0.0062097  # 1 - Phi(2.5)
     error = np.sqrt(tally.proposed * outside)
     assert abs(tally.outside_limits - outside * tally.proposed) < 4.5 * error
-    assert abs(tally.inadmissible - tally.proposed / 2) < 4.5 * np.sqrt(tally.proposed) / 2
+    assert abs(tally.through_surface - tally.proposed / 2) < 4.5 * np.sqrt(tally.proposed) / 2
     # a half normal has mean sigma sqrt(2 / pi) and standard deviation 0.6 sigma; the cut takes 2 % off the mean
     cut_mean = sigma * (0.3989423 - 0.0175283) / (0.5 - outside)
     assert drawn.waypoints[:, 1, 0].mean() == pytest.approx(cut_mean, abs=4.5 * 0.6 * sigma / np.sqrt(4000))
 
 
+def test_each_fate_is_counted_for_itself() -> None:
+    """One joint, one mode: by the place of the middle waypoint, a third each is kept, sinks or touches something."""
+    anchor, sampler = Anchor(np.zeros(1), np.zeros(1)), Deformation(0.1, modes=1)
+    third = 0.1 * np.sqrt(2) * 0.430727  # a third of a normal distribution is below -third, a third above
+
+    def judge(waypoints: FloatArray) -> IntArray:
+        middle = waypoints[:, 1, 0]
+        return np.where(middle < -third, Fate.THROUGH_SURFACE, np.where(middle > third, Fate.IN_COLLISION, Fate.KEPT))
+
+    everywhere = np.full(1, np.inf)
+    drawn = draw_admissible(sampler, child_rng(10), anchor, 3000, 3, lower=-everywhere, upper=everywhere, judge=judge)
+    (tally,) = drawn.tallies
+    assert tally.kept == 3000 == tally.proposed - tally.through_surface - tally.in_collision
+    for count in (tally.through_surface, tally.in_collision):
+        assert abs(count - tally.proposed / 3) < 4.5 * np.sqrt(tally.proposed * 2 / 9)
+    both = tally + Tally("deformation", 10, 1, 2, 3)
+    assert (both.proposed, both.outside_limits, both.kept) == (tally.proposed + 10, 1, 3004)
+
+
 def test_a_hopeless_scene_is_given_up_with_a_reason() -> None:
     everywhere = np.full(3, np.inf)
     with pytest.raises(
-        StageError, match=r"'deformation' had 0 of 2000 paths accepted \(0 left .* 2000 were not allowed"
+        StageError,
+        match=r"'deformation' had 0 of 2000 paths accepted \(0 left .* 2000 went through the surface, 0 touched",
     ):
         draw_admissible(
             Deformation(), child_rng(9), ANCHOR, 10, T, lower=-everywhere, upper=everywhere,
-            admissible=lambda w: np.full(len(w), False),
+            judge=judged(lambda w: np.full(len(w), False)),
         )  # fmt: skip
 
 
 def test_an_anchor_outside_the_limits_is_named() -> None:
     with pytest.raises(ArgumentError, match=r"anchor.goal has joint 1 at 1.7; its limits are -1 to 1"):
         draw_admissible(
-            Deformation(), child_rng(9), ANCHOR, 1, T, lower=-np.ones(3), upper=np.ones(3), admissible=above_ground
+            Deformation(), child_rng(9), ANCHOR, 1, T, lower=-np.ones(3), upper=np.ones(3), judge=judged(above_ground)
         )
 
 

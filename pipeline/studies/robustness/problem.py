@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann, angle_to, log_likelihood, select_bandwidth
 from pipeline.choice.logspace import log_sum_exp, peak
-from pipeline.errors import StageError
+from pipeline.errors import BandwidthError, StageError
 from pipeline.vocabulary import TASK_ANCHOR
 
 
@@ -133,7 +133,13 @@ def select_bandwidths(samplings: Sequence[ChoiceSets], method: str | float) -> d
     """
 
     def select(sets: ChoiceSets) -> Bandwidths:
-        return {anchor: select_bandwidth(phi, method).value for anchor, phi in sets.features.items()}
+        found = {}
+        for anchor, phi in sets.features.items():
+            try:
+                found[anchor] = select_bandwidth(phi, method).value
+            except BandwidthError as error:
+                raise error.of(sets.set_size, sets.set_id, anchor) from None
+        return found
 
     with ThreadPoolExecutor() as pool:
         return dict(zip(samplings, pool.map(select, samplings), strict=True))

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from pipeline.arrays import FloatArray, IndexArray
 from pipeline.errors import SceneError
+from pipeline.replay.mechanism.rig import Rig
 
 Axes = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """A frame in the world for each of n configurations: its x, y and z axis and its origin, (3, n) each or (3, 1)."""
@@ -34,7 +34,7 @@ class Joint:
 
     Attributes:
         outer: index of the joint whose frame carries this one, -1 for the world.
-        column: where its position is in a configuration.
+        column: where its position is in an expanded configuration (see `Rig.expanded`).
         slides: along z, not turns about it.
         reference: position (rad or m) at which `placement` holds.
         placement: (3, 4) x, y, z axis and origin in the outer frame.
@@ -59,72 +59,61 @@ class Carried:
 class Chain:
     """What the replayed joints of a scene move, outer joints first; bodies and sites in the model's order."""
 
+    rig: Rig
     joints: tuple[Joint, ...]
     bodies: tuple[Carried, ...]
     sites: tuple[Carried, ...]
 
     @classmethod
-    def of(cls, model: Any, joint_ids: Sequence[int], home: FloatArray) -> Chain:
-        """The chain of a compiled model.
-
-        Args:
-            model: `mujoco.MjModel`.
-            joint_ids: of the J joints that are replayed, hinges and slides, in the order of a configuration.
-            home: (nq,) `qpos`, of which all other joints keep theirs.
+    def of(cls, rig: Rig) -> Chain:
+        """The chain of a scene.
 
         Raises:
             SceneError: the chain places something elsewhere than MuJoCo does.
         """
-        data = mujoco.MjData(model)
-        addresses = model.jnt_qposadr[list(joint_ids)]
-        data.qpos[:] = home
-        data.qpos[addresses] = model.qpos0[addresses]
-        mujoco.mj_kinematics(model, data)
-        frames, joints = [np.eye(3, 4)], []
-        carrier = np.full(model.nbody, -1)
-        for body in range(1, model.nbody):  # parents come first
-            carrier[body] = carrier[model.body_parentid[body]]
-            for joint in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]):
-                if joint not in joint_ids:
-                    continue
-                frame = _joint_frame(data.xaxis[joint], data.xanchor[joint], data.xmat[body].reshape(3, 3))
-                joints.append(
-                    Joint(
-                        outer=int(carrier[body]),
-                        column=list(joint_ids).index(joint),
-                        slides=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
-                        reference=float(model.qpos0[model.jnt_qposadr[joint]]),
-                        placement=_seen_from(frames[carrier[body] + 1], frame),
-                    )
+        model, data, moving = rig.model, rig.data(), rig.moving_joints
+        rig.pose(data, model.qpos0[rig.addresses])
+        frames, joints, places = [np.eye(3, 4)], [], {-1: -1}  # places: of a joint of the model in the chain
+        for joint, before in _outer_first(rig):
+            body, outer = int(model.jnt_bodyid[joint]), places[before]
+            frame = _joint_frame(data.xaxis[joint], data.xanchor[joint], data.xmat[body].reshape(3, 3))
+            joints.append(
+                Joint(
+                    outer=outer,
+                    column=moving.index(joint),
+                    slides=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
+                    reference=float(data.qpos[model.jnt_qposadr[joint]]),
+                    placement=_seen_from(frames[outer + 1], frame),
                 )
-                carrier[body] = len(joints) - 1
-                frames.append(frame)
+            )
+            places[joint] = len(joints) - 1
+            frames.append(frame)
 
         def carried(body: int, axes: FloatArray, origin: FloatArray) -> Carried:
             pose = np.column_stack([axes.reshape(3, 3), origin])
-            return Carried(int(carrier[body]), _seen_from(frames[carrier[body] + 1], pose))
+            carrier = places[int(rig.carrier[body])]
+            return Carried(carrier, _seen_from(frames[carrier + 1], pose))
 
         chain = cls(
+            rig,
             tuple(joints),
             tuple(carried(i, data.xmat[i], data.xpos[i]) for i in range(model.nbody)),
             tuple(carried(model.site_bodyid[i], data.site_xmat[i], data.site_xpos[i]) for i in range(model.nsite)),
         )
-        chain.require_agreement(model, joint_ids, home)
+        chain.require_agreement()
         return chain
 
-    def require_agreement(self, model: Any, joint_ids: Sequence[int], home: FloatArray) -> None:
+    def require_agreement(self) -> None:
         """Raise a SceneError unless all bodies are where `mj_kinematics` has them, at some random configurations."""
-        data = mujoco.MjData(model)
-        data.qpos[:] = home
-        configurations = np.random.default_rng(0).uniform(-2.0, 2.0, (_TRIALS, len(joint_ids)))
+        model, data = self.rig.model, self.rig.data()
+        configurations = np.random.default_rng(0).uniform(-2.0, 2.0, (_TRIALS, len(self.rig.joint_ids)))
         posed = self.posed(configurations)
         ours = np.empty((model.nbody, 4, 3, _TRIALS))
         for body, carried in enumerate(self.bodies):
             for row, vectors in enumerate((*posed.axes(carried), posed.origin(carried))):
                 ours[body, row] = vectors
         for trial, configuration in enumerate(configurations):
-            data.qpos[model.jnt_qposadr[list(joint_ids)]] = configuration
-            mujoco.mj_kinematics(model, data)
+            self.rig.pose(data, configuration)
             theirs = np.concatenate([data.xmat.reshape(-1, 3, 3).transpose(0, 2, 1), data.xpos[:, None]], axis=1)
             apart = np.abs(ours[..., trial] - theirs).max(axis=(1, 2))
             if not apart.max() < _AGREEMENT * max(1.0, np.abs(data.xpos).max()):
@@ -135,11 +124,11 @@ class Chain:
 
     def posed(self, configurations: FloatArray) -> Posed:
         """The chain at n configurations (n, J)."""
-        return Posed(self, configurations)
+        return Posed(self, self.rig.expanded(configurations))
 
 
 class Posed:
-    """A chain at n configurations; a frame is computed when it is first asked for, and kept."""
+    """A chain at n positions of all its joints; a frame is computed when it is first asked for, and kept."""
 
     def __init__(self, chain: Chain, configurations: FloatArray) -> None:
         self._joints = chain.joints
@@ -211,6 +200,24 @@ def weighted(
         term = vector if weight == 1 else -vector if weight == -1 else weight * vector
         total = term if total is None else total + term
     return np.zeros_like(vectors[0]) if total is None else total
+
+
+def _outer_first(rig: Rig) -> list[tuple[int, int]]:
+    """The moving joints and for each the next one between it and the world (-1: none), which comes before it."""
+    model, ordered = rig.model, dict[int, int]()
+
+    def add(joint: int) -> None:
+        if joint in ordered or joint < 0:
+            return
+        body = int(model.jnt_bodyid[joint])
+        same = [i for i in range(model.body_jntadr[body], joint) if i in rig.moving_joints]
+        before = same[-1] if same else int(rig.carrier[model.body_parentid[body]])
+        add(before)
+        ordered[joint] = before
+
+    for joint in sorted(rig.moving_joints):
+        add(joint)
+    return list(ordered.items())
 
 
 def _joint_frame(axis: FloatArray, anchor: FloatArray, body_axes: FloatArray) -> FloatArray:

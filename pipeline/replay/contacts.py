@@ -1,0 +1,111 @@
+"""Whether an arm touches itself or its surroundings on its way, by MuJoCo's own contacts, meshes included.
+
+Which geoms may touch is what the scene says: `contype` and `conaffinity`, `exclude`, and MuJoCo's rule that a body does not
+touch its parent. Of what touches, only that counts whose distance the joints can change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from pipeline.arrays import BoolArray, FloatArray
+from pipeline.errors import SceneError
+from pipeline.replay.scene import Scene
+
+STEP = 0.05  # rad or m: how far a joint may go between two poses that are looked at
+Pair = tuple[int, int]
+"""Indices of two geoms, the smaller first."""
+
+
+class Contacts:
+    """What the joints of a scene may not bring into contact.
+
+    Args:
+        scene: from `load_scene`.
+        allowed: how deep pairs of geoms may be in each other, m; other pairs may not at all.
+
+    Raises:
+        SceneError: nothing that the joints move can touch anything.
+    """
+
+    def __init__(self, scene: Scene, allowed: Mapping[Pair, float] | None = None) -> None:
+        self.scene, self._allowed = scene, dict(allowed or {})
+        self._carrier = np.append(scene.rig.carrier[scene.model.geom_bodyid], -1)  # no geom, as a flex has, stays
+        if not self._anything_can_touch():
+            raise SceneError(
+                f"{scene.path}: nothing that the joints move can touch anything, as no geom's contype meets another's "
+                "conaffinity or contacts are disabled; give the arm geoms that collide, or set the task's collisions to false."
+            )
+
+    def free(self, waypoints: FloatArray) -> BoolArray:
+        """(N, T, J) -> (N,): whether each trajectory is free of contacts, at its waypoints and between them.
+
+        Between waypoints the joints go straight; there too they are looked at every `STEP`.
+        """
+        data = self.scene.rig.data()
+        return np.array([self._is_free(data, trajectory) for trajectory in waypoints], dtype=bool)
+
+    def depths(self, configuration: FloatArray) -> dict[Pair, float]:
+        """The pairs of geoms that are in each other at a configuration (J,), and how deep, m."""
+        data, found = self.scene.rig.data(), dict[Pair, float]()
+        for first, second, depth in self._touching(data, configuration):
+            pair = (min(first, second), max(first, second))
+            found[pair] = max(depth, found.get(pair, 0.0))
+        return found
+
+    def named(self, pair: Pair) -> str:
+        """The bodies of two geoms, for a sentence."""
+        model = self.scene.model
+        first, second = (model.body(int(model.geom_bodyid[geom])).name or "world" for geom in pair)
+        return f"{first!r} and {second!r}"
+
+    def _is_free(self, data: Any, trajectory: FloatArray) -> bool:
+        return not any(
+            depth > self._allowed.get((min(first, second), max(first, second)), 0.0)
+            for configuration in spread_first(between(trajectory, STEP))
+            for first, second, depth in self._touching(data, configuration)
+        )
+
+    def _touching(self, data: Any, configuration: FloatArray) -> Iterator[tuple[int, int, float]]:
+        self.scene.rig.pose(data, configuration)
+        mujoco.mj_collision(self.scene.model, data)
+        if data.ncon:
+            geoms, distances = data.contact.geom, data.contact.dist
+            counted = (distances < 0) & (self._carrier[geoms[:, 0]] != self._carrier[geoms[:, 1]])
+            for (first, second), distance in zip(geoms[counted].tolist(), distances[counted].tolist(), strict=True):
+                yield first, second, -distance
+
+    def _anything_can_touch(self) -> bool:
+        model = self.scene.model
+        if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+            return False
+        if any(self._carrier[model.pair_geom1] != self._carrier[model.pair_geom2]):
+            return True
+        able = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
+        carrier = self._carrier[:-1]
+        return bool(((able | able.T) & (carrier[:, None] != carrier)).any())
+
+
+def between(trajectory: FloatArray, step: float) -> FloatArray:
+    """The waypoints (T, J), with as many poses between two of them as keep each joint's steps to `step`."""
+    steps = np.abs(np.diff(trajectory, axis=0)).max(axis=1)
+    counts = np.maximum(1, np.ceil(steps / step - 1e-9)).astype(int)
+    parts = [
+        start + (stop - start) * (np.arange(count) / count)[:, None]
+        for start, stop, count in zip(trajectory[:-1], trajectory[1:], counts, strict=True)
+    ]
+    return np.concatenate([*parts, trajectory[-1:]])
+
+
+def spread_first(poses: FloatArray) -> Iterator[FloatArray]:
+    """All poses (M, J), coarsely over the whole way first: a contact lasts, so that it is soon met."""
+    stride = 1 << max(0, int(len(poses) - 1).bit_length() - 1)
+    yield poses[0]
+    while stride:
+        for place in range(stride, len(poses), 2 * stride):
+            yield poses[place]
+        stride //= 2
