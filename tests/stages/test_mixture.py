@@ -1,4 +1,4 @@
-"""A mixture has equal parts at every anchor; a sampler that cannot keep to the room of one is left out there, in words."""
+"""A mixture has equal parts at every anchor; a sampler that cannot keep to the room of one is left out, in words."""
 
 from __future__ import annotations
 
