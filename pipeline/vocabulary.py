@@ -7,6 +7,7 @@ reader must be able to read them as they stand.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal, get_args
 
 # Models of choice, as the column `model` has them.
 BOLTZMANN, LESS, ATTRIBUTE_RULE, PATH_SIZE = "boltzmann", "less", "attribute-rule", "path-size"
@@ -67,3 +68,9 @@ RESERVED_FOLDERS = ("robots", "scenes", STUDIES)
 def model_name(model: str) -> str:
     """What readers see for a model; a model that is not listed here goes by its own name."""
     return MODELS.get(model, model)
+
+
+Clock = Literal["header", "publish", "log"]
+"""What the times of a recording are, as `ingest.clock` and the column `clock` have it."""
+CLOCKS: tuple[Clock, ...] = get_args(Clock)
+"""In the order in which they are preferred: when the arm was measured, when that was sent, when it was written down."""

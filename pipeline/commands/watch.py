@@ -22,6 +22,7 @@ from pipeline.choice.models import choice_model
 from pipeline.commands.serve import Live, announce, claimed, interrupted
 from pipeline.errors import RecordingError, StageError, WorkbenchError
 from pipeline.formats.files.atomic import folder_written_whole
+from pipeline.formats.mcap.bags import Bag
 from pipeline.formats.mcap.folder_watcher import Arrivals, News
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.partitions import gathered
@@ -33,7 +34,7 @@ from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene, scene_files
 from pipeline.stages import infer
-from pipeline.stages.ingest import LONGEST_NAME, REJECTED, demonstration
+from pipeline.stages.ingest import NULLABLE, REJECTED
 from pipeline.stages.inspect import PATHS
 from pipeline.stages.registry import parameters
 from pipeline.studies.posteriors import PART_ROWS, groups_of, posterior_parts
@@ -45,9 +46,9 @@ from pipeline.views.rerun.server import require_listening, server
 from pipeline.views.task_summary import density_map, replay_samples, theta_labels, theta_meaning
 from pipeline.views.task_view import ALTERNATIVE, read_waypoints
 from pipeline.vocabulary import TASK_ANCHOR, WORKING, model_name
+from pipeline.workspace.demonstrations import LONGEST_NAME, Intake, demonstration
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
-from pipeline.workspace.scenes import load_task_scene
 
 if TYPE_CHECKING:
     from pipeline.views.rerun.server import Address
@@ -76,6 +77,7 @@ class Setting:
 
     Attributes:
         name, task, scene: the task.
+        intake: what its recordings are judged by.
         features, units: names and units of the features.
         scale: (F,) what raw values are divided by.
         raw: (N, F) raw values of the working set.
@@ -90,6 +92,7 @@ class Setting:
     name: str
     task: Task
     scene: Scene
+    intake: Intake
     features: tuple[str, ...]
     units: tuple[str, ...]
     scale: FloatArray
@@ -246,13 +249,15 @@ def read_setting(project: Project, name: str) -> Setting:
             )
         some = _some(project, both)
         waypoints = read_waypoints(tables["alternatives"], some["alternative_id"])
-    scene = load_task_scene(project, task)
+    intake = Intake.of(project, name)
+    scene = intake.scene
     paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
     log_weights = -some["log_density"].to_numpy()
     return Setting(
         name=name,
         task=task,
         scene=scene,
+        intake=intake,
         features=names,
         units=tuple(scales["unit"]),
         scale=scales["scale"].to_numpy(),
@@ -303,7 +308,7 @@ def _enough(belief: Belief, until: Until) -> bool:
 def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict[str, str]], shown: Watched) -> None:
     known = path.stem in belief.rows
     try:
-        row = demonstration(path, belief.setting.scene, project.params.ingest)
+        row = demonstration(Bag(path.stem, (path,)), belief.setting.intake)
         belief.take(row)
     except WorkbenchError as error:
         reason, detail = (
@@ -410,7 +415,7 @@ def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, 
     """Tables as those of the stages, of the working set alone."""
     setting = belief.setting
     rows = [belief.rows[key] for key in sorted(belief.rows)]
-    table = pl.DataFrame(rows, schema_overrides={"true_theta": pl.String, "lost": pl.String}).with_columns(
+    table = pl.DataFrame(rows, schema_overrides=NULLABLE).with_columns(
         waypoints=pl.Series(np.stack([row["waypoints"] for row in rows]))
     )
     people = table.select("demonstration_id", "participant")

@@ -20,6 +20,7 @@ from pydantic_core import PydanticCustomError
 
 from pipeline.errors import ParameterError, one_of
 from pipeline.vocabulary import (
+    CLOCKS,
     DEFORMATION,
     DEMONSTRATION_ANCHOR,
     GIVEN,
@@ -29,6 +30,7 @@ from pipeline.vocabulary import (
     RESERVED_FOLDERS,
     TASK_ANCHOR,
     VIA_POINT,
+    Clock,
 )
 from schemas import schema
 
@@ -55,6 +57,7 @@ def _word_of(words: Iterable[str]) -> BeforeValidator:
 
 
 AnchorWord = Annotated[str, _word_of((TASK_ANCHOR, DEMONSTRATION_ANCHOR))]
+ClockWord = Annotated[Clock, _word_of(CLOCKS)]
 ModelWord = Annotated[str, _word_of(INFERRED_MODELS)]
 SamplerWord = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE, GIVEN))]
 SamplerKind = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE))]
@@ -130,12 +133,23 @@ class Simulate(_Section):
 
 
 class Ingest(_Section):
-    """From recordings to demonstrations."""
+    """From recordings to demonstrations; the reasons for the limits are in docs/bring-your-own.md."""
 
     waypoints: Annotated[int, Field(strict=True, ge=3, le=10_000)]
     idle_rad: Positive
     on_rejected: Literal["stop", "continue"]
     salvage: StrictBool = False
+    topic: Annotated[str, Field(min_length=1)] | None = None
+    clock: ClockWord | None = None
+    far_ends: Literal["reject", "keep"] = "reject"
+    far_rad: Positive = 0.5
+    far_m: Positive = 0.2
+    fastest_rad_s: Positive = 6.3
+    fastest_m_s: Positive = 3.0
+    longest_gap_s: Positive = 0.5
+    longest_rest_s: Positive = 3.0
+    jump_rad: Positive = 0.3
+    jump_m: Positive = 0.1
 
 
 class Deformation(_Section):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,25 +12,27 @@ import numpy as np
 import polars as pl
 
 from pipeline.errors import RecordingError, StageError
-from pipeline.formats.mcap.joint_states import read_joint_states
-from pipeline.formats.mcap.rejection_reasons import rejection
-from pipeline.formats.mcap.writer import METADATA
+from pipeline.formats.mcap.bags import Bag, read_folder, sequences, stem_of
+from pipeline.formats.mcap.joint_states import JointRecording, joined
+from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.formats.parquet.tables import write_table
-from pipeline.params import Ingest
-from pipeline.replay.scene import Scene, model_hash, scene_files
+from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.registry import parameters
 from pipeline.terminal import plain
-from pipeline.trajectories.timebase import demonstration_waypoints
-from pipeline.vocabulary import RESERVED_IDS
+from pipeline.workspace.demonstrations import LONGEST_NAME, Intake, demonstration_row, read_bag
+from pipeline.workspace.people import one_spelling
 from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, recorded_run, table_path
 from pipeline.workspace.provenance import provenance
-from pipeline.workspace.scenes import load_task_scene
 
-LONGEST_NAME = 200  # characters
-LONGEST_THETA = 10_000  # characters
-LARGEST_WEIGHT = 1e9
 REJECTED = {"source": pl.String, "reason": pl.String, "detail": pl.String}
+NULLABLE = {
+    "true_theta": pl.String, "lost": pl.String, "remarks": pl.String, "start_apart": pl.Float64,
+    "start_apart_m": pl.Float64, "goal_apart": pl.Float64, "goal_apart_m": pl.Float64,
+}  # fmt: skip
+SAME = 1e-9  # rad or m; waypoints nearer than this are the same motion
+TOUCHING_S = 0.5  # at most between two parts of a split recording, or five of its sampling intervals
+MOST_NOTES = 5
 
 
 def run(project: Project, name: str) -> None:
@@ -42,138 +44,203 @@ def run(project: Project, name: str) -> None:
     """
     task, settings = project.params.task(name), project.params.ingest
     with recorded_run(project, "ingest", name) as record:
-        scene = load_task_scene(project, task)
-        files = sorted(project.path(task.recordings).glob("*.mcap"))
-        if not files:
+        intake = Intake.of(project, name)
+        found = collect(project.path(task.recordings), intake)
+        if not found.rows and not found.missing:
             raise StageError(
                 f"{task.recordings}: there is no .mcap file in this folder; tasks.{name}.recordings names it"
             )
-        found = _read(tracked(files, f"ingest {name}"), scene, settings)
-        inputs = [*(file for file in files if file.name not in found.unreadable), *scene_files(scene.path)]
-        stated = provenance(project, parameters("ingest", name), inputs, model=model_hash(scene))
-        write_table(project.table(name, "rejected"), "rejected", pl.DataFrame(found.rejected, REJECTED), stated)
-        if found.rejected and (settings.on_rejected == "stop" or not found.rows):
-            raise StageError(_refusal(project, name, found.rejected, len(files)))
+        inputs = [*found.inputs, *scene_files(intake.scene.path)]
+        stated = provenance(
+            project, parameters("ingest", name), inputs, model=model_hash(intake.scene), hashes=found.hashes
+        )
+        write_table(project.table(name, "rejected"), "rejected", found.rejections(), stated)
+        if found.missing and (settings.on_rejected == "stop" or not found.rows):
+            raise StageError(_refusal(project, name, found))
         write_table(project.table(name, "demonstrations"), "demonstrations", found.demonstrations(), stated)
         record.produced = found.summary()
+        record.notes += found.notes()
+
+
+def collect(folder: Path, intake: Intake) -> Found:
+    """What comes of the recordings in a folder."""
+    found, there = Found(), read_folder(folder)
+    for one in there.unused:
+        found.set_aside(one.source, one.reason, one.detail)
+    _read(tracked(_named_once(there.bags, found), f"ingest {intake.task}"), intake, found)
+    return found
 
 
 @dataclass
-class _Found:
+class Found:
     """What came of the recordings.
 
     Attributes:
         rows: of demonstrations.parquet.
         rejected: rows of rejected.parquet.
-        unreadable: names of files of which nothing can be hashed, such as a pipe, which would never end.
+        missing: how many of these may be missing demonstrations.
+        inputs: files of which a hash is kept; of a pipe, which would never end, there is none.
+        hashes: of the bytes that were read, by file.
     """
 
     rows: list[dict[str, Any]] = field(default_factory=list)
     rejected: list[dict[str, str]] = field(default_factory=list)
-    unreadable: set[str] = field(default_factory=set)
+    missing: int = 0
+    inputs: list[Path] = field(default_factory=list)
+    hashes: dict[Path, str] = field(default_factory=dict)
+    _recorded: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def set_aside(self, source: str, reason: str, detail: str) -> None:
+        """Say that something is not used."""
+        self.missing += reason not in SET_ASIDE
+        self.rejected.append({"source": plain(source, LONGEST_NAME + 60), "reason": reason, "detail": detail})
+
+    def reject(self, files: Iterable[Path], error: RecordingError) -> None:
+        """Say that a recording is not used."""
+        files = tuple(files)
+        self.set_aside(files[0].name, error.reason, error.detail)
+        self.inputs += files if error.reason != "unreadable" else []
+
+    def take(self, row: dict[str, Any], recording: JointRecording) -> None:
+        """Use a demonstration, unless the same recording is used already."""
+        self.inputs += recording.hashes
+        self.hashes |= recording.hashes
+        first = self._recorded.setdefault(_content(recording), row)
+        if first is not row:
+            others = (
+                f", and says that it is of {row['participant']!r}" if row["participant"] != first["participant"] else ""
+            )
+            detail = (
+                f"It holds the same recording as {first['source']}, which is used{others}; one is one demonstration."
+            )
+            self.set_aside(row["source"], "copy", plain(detail, 4 * LONGEST_NAME))
+            _remark(first, f"the same recording is also in {row['source']}{others}")
+            return
+        for other in self.rows:
+            if np.abs(row["waypoints"] - other["waypoints"]).max() <= SAME:
+                _remark(row, f"moves as {other['source']} does, at other times; remove one if it is a copy")
+        self.rows.append(row)
+
+    def rejections(self) -> pl.DataFrame:
+        """The table of what is not used, in the order of the names."""
+        return pl.DataFrame(sorted(self.rejected, key=lambda row: row["source"]), REJECTED)
 
     def demonstrations(self) -> pl.DataFrame:
         """The table of the demonstrations, of which there is at least one."""
-        table = pl.DataFrame(self.rows, schema_overrides={"true_theta": pl.String, "lost": pl.String})
+        names = one_spelling([row["participant"] for row in self.rows])
+        for row, participant in zip(self.rows, names, strict=True):
+            if row["participant"] != participant:
+                _remark(row, f"participant {row['participant']!r} is taken for {participant!r}, who is spelt otherwise")
+            row["participant"] = participant
+        table = pl.DataFrame(self.rows, schema_overrides=NULLABLE)
         return table.with_columns(waypoints=pl.Series(np.stack([row["waypoints"] for row in self.rows])))
 
     def summary(self) -> str:
         """One phrase for the record of the run."""
         salvaged = sum(row["salvaged"] for row in self.rows)
+        remarked = sum(row["remarks"] is not None for row in self.rows)
+        aside = len(self.rejected) - self.missing
         return ", ".join(
             [
                 f"{len(self.rows)} demonstrations",
                 *([f"{salvaged} of them salvaged"] if salvaged else []),
-                *([f"{len(self.rejected)} rejected"] if self.rejected else []),
+                *([f"{remarked} of them with remarks"] if remarked else []),
+                *([f"{self.missing} rejected"] if self.missing else []),
+                *([f"{aside} set aside"] if aside else []),
             ]
         )
 
-
-def _read(files: Iterable[Path], scene: Scene, settings: Ingest) -> _Found:
-    found = _Found()
-    for file in files:
-        try:
-            found.rows.append(demonstration(file, scene, settings))
-        except RecordingError as error:
-            if error.reason == "unreadable":
-                found.unreadable.add(file.name)
-            source = plain(file.name, LONGEST_NAME + 60)
-            found.rejected.append({"source": source, "reason": error.reason, "detail": error.detail})
-    return found
-
-
-def demonstration(file: Path, scene: Scene, settings: Ingest) -> dict[str, Any]:
-    """One row of demonstrations.parquet.
-
-    Raises:
-        RecordingError: the recording cannot be used.
-    """
-    _check_name("A recording", file.stem, "rename the file")
-    recording = read_joint_states(file, joints=scene.joints, salvage=settings.salvage)
-    time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
-    reference = recording.positions[0] if scene.start is None else scene.start
-    path, start_s, duration_s = demonstration_waypoints(
-        time_s, recording.positions, scene.continuous, reference, settings.waypoints, settings.idle_rad
-    )
-    stated = recording.metadata.get(METADATA, {})
-    participant = stated.get("participant", file.stem)
-    _check_name("A participant", participant, f"change it in the recording's metadata record {METADATA!r}")
-    _check_true_theta(stated.get("true_theta"))
-    return {
-        "demonstration_id": file.stem,
-        "participant": participant,
-        "source": file.name,
-        "simulated": stated.get("simulated") == "true",
-        "true_theta": stated.get("true_theta"),
-        "start_time_ns": int(recording.time_ns[0]) + round(start_s * 1e9),
-        "duration_s": duration_s,
-        "salvaged": recording.lost is not None,
-        "lost": recording.lost,
-        "waypoints": path,
-    }
-
-
-def _check_name(whose: str, name: str, remedy: str) -> None:
-    if name in RESERVED_IDS:
-        raise rejection(
-            "reserved-name", f"{whose} cannot be called {name}, which tables use for all of them; {remedy}."
+    def notes(self) -> list[str]:
+        """What is odd about the recordings together, and about each."""
+        clocks = sorted({row["clock"] for row in self.rows})
+        mixed = (
+            [
+                f"times are of different clocks: {', '.join(_counted(self.rows, clock) for clock in clocks)}; set ingest.clock"
+            ]
+            if len(clocks) > 1
+            else []
         )
-    if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
-        raise rejection(
-            "reserved-name",
-            f"{whose} cannot be called {name!r}; a name has 1 to {LONGEST_NAME} printable characters, {remedy}.",
-        )
+        aside = [f"{row['source']}: {row['detail']}" for row in self.rejected if row["reason"] in SET_ASIDE]
+        said = [f"{row['source']}: {row['remarks']}" for row in self.rows if row["remarks"] is not None]
+        more = len(aside) + len(said) - MOST_NOTES
+        listed = [*aside, *said][:MOST_NOTES]
+        return [*mixed, *listed, *([f"and {more} more remarks, in {', '.join(NOTED)}"] if more > 0 else [])]
 
 
-def _check_true_theta(text: str | None) -> None:
-    """What a simulated participant wanted must be weights by feature, as later stages compute with them."""
-    if text is None:
+NOTED = ("rejected.parquet", "the column remarks of demonstrations.parquet")
+
+
+def _counted(rows: list[dict[str, Any]], clock: str) -> str:
+    return f"{clock} of {sum(row['clock'] == clock for row in rows)}"
+
+
+def _remark(row: dict[str, Any], remark: str) -> None:
+    row["remarks"] = remark if row["remarks"] is None else f"{row['remarks']}; {remark}"
+
+
+def _content(recording: JointRecording) -> str:
+    """A hash of what was recorded, whatever the file is called and however it is compressed."""
+    return hashlib.sha256(recording.time_ns.tobytes() + recording.positions.tobytes()).hexdigest()
+
+
+def _named_once(bags: Iterable[Bag], found: Found) -> list[Bag]:
+    """The bags but for those whose demonstrations would have the name of another."""
+    taken: dict[str, Bag] = {}
+    for bag in bags:
+        first = taken.setdefault(bag.name, bag)
+        if first is not bag:
+            detail = f"{first.files[0].name} would be the same demonstration, {bag.name!r}; rename one of the files."
+            found.set_aside(bag.files[0].name, "same-name", detail)
+    return list(taken.values())
+
+
+def _read(bags: Iterable[Bag], intake: Intake, found: Found) -> None:
+    for run_of in sequences(list(bags)):
+        parts: list[tuple[Bag, JointRecording]] = []
+        for bag in run_of:
+            try:
+                recording = read_bag(bag, intake)
+            except RecordingError as error:
+                found.reject(bag.files, error)
+                _finish(parts, intake, found)
+                continue
+            if parts and not _continues(parts[-1][1], recording, intake):
+                _finish(parts, intake, found)
+            parts.append((bag, recording))
+        _finish(parts, intake, found)
+
+
+def _continues(before: JointRecording, after: JointRecording, intake: Intake) -> bool:
+    """Whether one recording begins when and where another ends, so that both are parts of one."""
+    alike = (before.topic, before.clock) == (after.topic, after.clock)
+    wait_s = (int(after.time_ns[0]) - int(before.time_ns[-1])) / 1e9
+    usual_s = float(np.median(np.diff(before.time_ns))) / 1e9
+    moved = np.abs(after.positions[0] - before.positions[-1])
+    moved = np.where(intake.scene.continuous, np.abs(moved - 2 * np.pi * np.rint(moved / (2 * np.pi))), moved)
+    return alike and 0 < wait_s <= min(TOUCHING_S, 5 * usual_s) and bool((moved <= intake.settings.jump_rad).all())
+
+
+def _finish(parts: list[tuple[Bag, JointRecording]], intake: Intake, found: Found) -> None:
+    """Make one demonstration of recordings that follow each other, and forget them."""
+    if not parts:
         return
+    files = [file for bag, _ in parts for file in bag.files]
     try:
-        weights = json.loads(text) if len(text) <= LONGEST_THETA else None
-    except (ValueError, RecursionError):
-        weights = None
-    if not isinstance(weights, dict) or not all(
-        isinstance(weight, int | float) and not isinstance(weight, bool) and abs(weight) <= LARGEST_WEIGHT
-        for weight in weights.values()
-    ):
-        raise rejection(
-            "bad-metadata",
-            f"The recording states true_theta as {text!r}; it must be a JSON object, feature name to a weight between "
-            f"-{LARGEST_WEIGHT:g} and {LARGEST_WEIGHT:g}.",
-        )
+        recording = joined([recording for _, recording in parts])
+        found.take(demonstration_row(stem_of([bag for bag, _ in parts]), recording, intake), recording)
+    except RecordingError as error:
+        found.reject(files, error)
+    parts.clear()
 
 
-def _refusal(project: Project, name: str, rejected: list[dict[str, str]], total: int) -> str:
-    first = rejected[0]
-    others = f" and {len(rejected) - 1} more" if len(rejected) > 1 else ""
-    remedy = (
-        "mend or remove them"
-        if len(rejected) == total
-        else "mend or remove them, or set ingest.on_rejected to continue"
-    )
+def _refusal(project: Project, name: str, found: Found) -> str:
+    wrong = [row for row in found.rejected if row["reason"] not in SET_ASIDE]
+    first = wrong[0]
+    others = f" and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+    total = len(wrong) + len(found.rows)
+    remedy = "mend or remove them, or set ingest.on_rejected to continue" if found.rows else "mend or remove them"
     return (
-        f"{len(rejected)} of {total} recordings in {project.params.task(name).recordings} cannot be used: "
+        f"{len(wrong)} of {total} recordings in {project.params.task(name).recordings} cannot be used: "
         f"{first['source']} ({first['reason']}): {first['detail'].rstrip('.')}{others}; all are listed in "
         f"{table_path(name, 'rejected')}; {remedy}"
     )

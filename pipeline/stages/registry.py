@@ -88,7 +88,7 @@ STAGES = (
     ),
     Stage(
         "ingest", Scope.TASK, "ingest", "pipeline.stages.ingest",
-        parameters=("tasks.{task}.recordings", "tasks.{task}.end_effector", "ingest"),
+        parameters=("tasks.{task}.recordings", "tasks.{task}.end_effector", "tasks.{task}.anchor", "ingest"),
         named=("tasks.{task}.recordings",),
         inputs=(SCENE,),
         makes=("demonstrations", "rejected"),
@@ -98,7 +98,7 @@ STAGES = (
         parameters=(
             "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
             "tasks.{task}.anchor", "tasks.{task}.preferences",
-            "ingest.waypoints", "sample", "compute.partition",
+            "ingest.waypoints", "ingest.far_ends", "ingest.far_rad", "ingest.far_m", "sample", "compute.partition",
         ),
         named=("sample.given",),
         reads=("demonstrations",),

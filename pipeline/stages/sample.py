@@ -15,7 +15,7 @@ from pipeline.arrays import FloatArray
 from pipeline.errors import StageError
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.partitions import cut, gathered
-from pipeline.formats.parquet.tables import read_column, table_writer, write_table
+from pipeline.formats.parquet.tables import table_writer, write_table
 from pipeline.params import Sample
 from pipeline.replay.planning import Planning, planned_paths
 from pipeline.replay.room import Room
@@ -23,10 +23,10 @@ from pipeline.replay.scene import Scene, model_hash, scene_files
 from pipeline.stages.registry import parameters
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Deformation, Draw, Planner, Sampler, Tally, ViaPoint
-from pipeline.trajectories.timebase import to_branch
 from pipeline.vocabulary import DEFORMATION, GIVEN, MIXTURE, PLANNER, TASK_ANCHOR, VIA_POINT, WORKING
 from pipeline.workspace.anchors import Ends, ends_of, shortened
 from pipeline.workspace.compute.executor import workers
+from pipeline.workspace.given import pool_of, read_given
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
@@ -115,7 +115,7 @@ def run(project: Project, name: str) -> None:
                 portions = _portions(project, ends, [samplers for samplers, _ in found])
                 drawn = pool.mapped(draw_portion, portions, f"sample {name}")
             else:
-                drawn = _given(project, scene, ends)
+                drawn = _given(project, scene, ends, record.notes)
             for which, rows, counts in drawn:
                 table.add(rows)
                 tallies.setdefault(which, []).extend(counts)
@@ -218,7 +218,7 @@ def draw_portion(portion: Portion) -> Drawn:
         for share in portion.shares
     ]
     draw = Draw(
-        np.concatenate([one.waypoints for one in draws]),
+        _short(np.concatenate([one.waypoints for one in draws])),
         tuple(name for one in draws for name in one.sampler),
         tuple(tally for one in draws for tally in one.tallies),
     )
@@ -226,43 +226,28 @@ def draw_portion(portion: Portion) -> Drawn:
     return which, alternative_rows(draw, *which, portion.first), draw.tallies
 
 
-def _given(project: Project, scene: Scene, ends: Sequence[Ends]) -> Iterator[Drawn]:
-    """All sets, from the trajectories that are given."""
+def _short(waypoints: FloatArray) -> FloatArray:
+    """Rounded to float32, which halves the file; only given trajectories need all digits, for those that are equal."""
+    return waypoints.astype(np.float32).astype(np.float64)
+
+
+def _given(project: Project, scene: Scene, ends: Sequence[Ends], notes: list[str]) -> Iterator[Drawn]:
+    """All sets, from the trajectories that are given; what is to be said of these is added to the notes."""
     settings, partition = project.params.sample, project.params.compute.partition
-    pool = given_trajectories(project.path(str(settings.given)), scene, project.params.ingest.waypoints)
-    for one, (size, set_id) in product(ends, _sets(settings)):
-        if size > len(pool):
+    given = read_given(project.path(str(settings.given)), scene, project.params.ingest.waypoints)
+    pools = [pool_of(given, one, scene, project.params.ingest) for one in ends]
+    notes += shortened([*given.notes, *(note for pool in pools for note in pool.notes)])
+    for (one, pool), (size, set_id) in product(zip(ends, pools, strict=True), _sets(settings)):
+        if size > pool.size:
+            left_out = f" ({pool.notes[0]})" if pool.notes else ""
             raise StageError(
-                f"a set of {size} is wanted and sample.given has {len(pool)} trajectories; lower sample.sizes or "
-                "working_set"
+                f"a set of {size} is wanted, and {pool.size} of the {len(given.waypoints)} trajectories of sample.given can be "
+                f"used for anchor {one.label!r}{left_out}; lower sample.sizes or working_set"
             )
-        rng = child_rng(project.params.seed, "sample", one.key, size, set_id, GIVEN)
-        chosen = rng.choice(len(pool), size, replace=False)
+        chosen, tally = pool.choose(child_rng(project.params.seed, "sample", one.key, size, set_id, GIVEN), size)
         for first, count in cut(size, partition):
-            draw = Draw(pool[chosen[first : first + count]], (GIVEN,) * count, (Tally(GIVEN, count),))
+            draw = Draw(given.waypoints[chosen[first : first + count]], (GIVEN,) * count, (tally,) if not first else ())
             yield (one.label, size, set_id), alternative_rows(draw, one.label, size, set_id, first), draw.tallies
-
-
-def given_trajectories(path: Path, scene: Scene, n_waypoints: int) -> FloatArray:
-    """Somebody's own alternatives (P, T, J): the column `waypoints`, each on the branch of the scene's start.
-
-    Raises:
-        StageError: the file is missing, is no Parquet, or its trajectories have another shape or are not finite.
-    """
-    rows = read_column(path, "waypoints", "sample.given")
-    try:
-        flat = np.array([np.asarray(row, dtype=np.float64).ravel() for row in rows])
-    except (TypeError, ValueError) as error:
-        raise StageError(f"{path}: has no column `waypoints` of equal lists ({' '.join(str(error).split())})") from None
-    if flat.ndim != 2 or flat.shape[1] != n_waypoints * len(scene.joints) or not np.isfinite(flat).all():
-        raise StageError(
-            f"{path}: has trajectories of {flat.shape[-1]} numbers; needed are {n_waypoints} waypoints x "
-            f"{len(scene.joints)} joints = {n_waypoints * len(scene.joints)} finite ones"
-        )
-    flat = flat[np.lexsort(flat.T[::-1])]  # in whatever order they are given, the same are drawn
-    paths = flat.reshape(len(flat), n_waypoints, len(scene.joints))
-    reference = paths[0, 0] if scene.start is None else scene.start
-    return np.stack([to_branch(path, reference, scene.continuous) for path in paths])
 
 
 def _sets(settings: Sample) -> Iterator[tuple[int, str]]:
@@ -283,7 +268,7 @@ def alternative_rows(draw: Draw, anchor: str, size: int, set_id: str, first: int
             "sampler": draw.sampler,
             "set_size": size,
             "set_id": set_id,
-            "waypoints": draw.waypoints.astype(np.float32),
+            "waypoints": draw.waypoints,
         }
     )
 

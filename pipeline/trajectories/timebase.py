@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -114,28 +116,41 @@ def resample(time_s: ArrayLike, q: ArrayLike, waypoint_count: int) -> FloatArray
     return waypoints
 
 
-def demonstration_waypoints(
-    time_s: ArrayLike,
-    q: ArrayLike,
-    continuous: ArrayLike,
-    reference: ArrayLike,
-    waypoint_count: int,
-    idle_threshold_rad: float = 0.01,
-) -> tuple[FloatArray, float, float]:
-    """Turn recorded poses into a demonstration: unwrap, trim the rest, start on the branch of `reference`, resample.
+@dataclass(frozen=True, eq=False)
+class Moving:
+    """The part of a recording in which the arm moves.
 
-    Joint limits are not looked at: a recording may exceed them by its sensors' noise.
+    Attributes:
+        time_s: (M,) on the recording's clock, M >= 2.
+        positions: (M, J) rad or m, unwrapped.
+    """
+
+    time_s: FloatArray
+    positions: FloatArray
+
+    @property
+    def start_s(self) -> float:
+        """When it begins."""
+        return float(self.time_s[0])
+
+    @property
+    def duration_s(self) -> float:
+        """From its first pose to its last."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+    def waypoints(self, reference: ArrayLike, continuous: ArrayLike, count: int) -> FloatArray:
+        """(T, J) waypoints, uniform in time, on the branch of `reference`; see `to_branch` and `resample`."""
+        return resample(self.time_s, to_branch(self.positions, reference, continuous), count)
+
+
+def moving_part(time_s: ArrayLike, q: ArrayLike, continuous: ArrayLike, idle_threshold_rad: float = 0.01) -> Moving:
+    """Unwrap recorded poses and leave out the rest at both ends; see `unwrap` and `trim_idle`.
 
     Args:
         time_s: (M,) strictly increasing, relative to the recording's start.
         q: (M, J) rad or m, as recorded.
         continuous: (J,) bool, which joints have no limits.
-        reference: (J,) the scene's start pose.
-        waypoint_count: T >= 2.
         idle_threshold_rad: see `trim_idle`.
-
-    Returns:
-        Waypoints (T, J), the time of the first one on the clock of `time_s`, and the duration, both s.
 
     Raises:
         ArgumentError: an argument is outside what is allowed.
@@ -143,9 +158,8 @@ def demonstration_waypoints(
     """
     poses = unwrap(q, continuous)
     times = _times(time_s, len(poses))
-    moving = trim_idle(times, poses, idle_threshold_rad)
-    times, poses = times[moving], to_branch(poses[moving], reference, continuous)
-    return resample(times, poses, waypoint_count), float(times[0]), float(times[-1] - times[0])
+    part = trim_idle(times, poses, idle_threshold_rad)
+    return Moving(times[part], poses[part])
 
 
 def _poses(q: ArrayLike) -> FloatArray:

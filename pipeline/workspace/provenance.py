@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,7 +16,12 @@ INHERITED = ("seed", "mujoco", "model")
 
 
 def provenance(
-    project: Project, parameters: Sequence[str], inputs: Iterable[Path | OpenTable], *, model: str | None = None
+    project: Project,
+    parameters: Sequence[str],
+    inputs: Iterable[Path | OpenTable],
+    *,
+    model: str | None = None,
+    hashes: Mapping[Path, str] | None = None,
 ) -> dict[str, object]:
     """What every table says about itself, beside its schema and version.
 
@@ -29,8 +34,9 @@ def provenance(
             them.
         inputs: the files it was made from; a table that was opened need not be opened again.
         model: hash of the compiled scene (`pipeline.replay.model_hash`), if the stage used one.
+        hashes: of inputs whose bytes were hashed as they were read; the others are read again.
     """
-    inputs = list(inputs)
+    inputs, known = list(inputs), hashes or {}
     paths = [one.path if isinstance(one, OpenTable) else one for one in inputs]
     stated = [_stated(project, one) for one in inputs]
     inherited = {key: next((one[key] for one in stated if one.get(key) is not None), None) for key in INHERITED}
@@ -42,7 +48,7 @@ def provenance(
         **inherited,
         **own,
         "parameters": params.fingerprint(project.params, parameters),
-        "inputs": {project.shown(path): content_hash(path) for path in paths},
+        "inputs": {project.shown(path): known.get(path) or content_hash(path) for path in paths},
     }
 
 

@@ -12,7 +12,7 @@ from pipeline.choice import LESS, Boltzmann, infer, select_bandwidth, theta_grid
 from pipeline.formats.mcap.joint_states import read_joint_states
 from pipeline.replay.features import bind_features
 from pipeline.replay.scene import load_scene
-from pipeline.trajectories.timebase import demonstration_waypoints
+from pipeline.trajectories.timebase import moving_part
 from tests.oracles import slow_choice
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,7 +35,8 @@ def phi(shared: Path) -> tuple[np.ndarray, np.ndarray]:
         shared / "real" / "jaco" / "recordings" / "kinesthetic_ID0_task0.mcap", joints=scene.joints
     )
     time_s = (recorded.time_ns - recorded.time_ns[0]) * 1e-9
-    waypoints, _, _ = demonstration_waypoints(time_s, recorded.positions, scene.continuous, paths[0, 0], 41)
+    part = moving_part(time_s, recorded.positions, scene.continuous)
+    waypoints = part.waypoints(paths[0, 0], scene.continuous, 41)
     alternatives, demonstration = features.evaluate(paths), features.evaluate(waypoints[None])
     scale = np.ptp(alternatives, axis=0)
     return alternatives / scale, demonstration / scale

@@ -17,7 +17,7 @@ from pipeline.trajectories.participants import (
 )
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Anchor, Deformation
-from pipeline.trajectories.timebase import demonstration_waypoints
+from pipeline.trajectories.timebase import moving_part
 
 ANCHOR = Anchor(np.array([1.9, 2.6, 3.2]), np.array([3.5, 1.6, 3.3]))
 PATH = Deformation(0.2).sample(child_rng(0, "path"), ANCHOR, 1, 41)[0]
@@ -199,12 +199,11 @@ def test_the_time_base_recovers_the_motion_from_the_messages() -> None:
         motion = moved(i, skill=0.5)
         log = logged(i, motion=motion)
         time_s = (log.time_ns - log.time_ns[0]) / 1e9
-        waypoints, start_s, duration_s = demonstration_waypoints(
-            time_s, log.positions[:, :3], np.array(DRIVER.continuous), PATH[0], 41
-        )
-        assert 0.4 < start_s < 3
-        assert duration_s <= motion.time_s[-1] + 0.05
-        assert duration_s > 0.85 * motion.time_s[-1]
+        part = moving_part(time_s, log.positions[:, :3], np.array(DRIVER.continuous))
+        waypoints = part.waypoints(PATH[0], np.array(DRIVER.continuous), 41)
+        assert 0.4 < part.start_s < 3
+        assert part.duration_s <= motion.time_s[-1] + 0.05
+        assert part.duration_s > 0.85 * motion.time_s[-1]
         assert np.abs(waypoints[[0, -1]] - motion.positions[[0, -1]]).max() < 0.01 + 0.003
         nearest = np.abs(waypoints[:, None] - motion.positions).max(axis=2).min(axis=1)
         assert nearest.max() < 0.01  # encoder noise and the spacing of the poses

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from pipeline.errors import ArgumentError, RecordingError
 from pipeline.trajectories.timebase import (
     TURN,
-    demonstration_waypoints,
+    moving_part,
     resample,
     to_branch,
     trim_idle,
@@ -184,9 +184,10 @@ def test_uneven_times_are_interpolated_in_time() -> None:
 def test_a_demonstration_is_unwrapped_trimmed_shifted_and_resampled() -> None:
     time_s, q = reach(100.0)
     recorded = np.angle(np.exp(1j * (q + 3.0)))  # joint 1 passes through pi on its way
-    waypoints, start_s, duration_s = demonstration_waypoints(
-        time_s, recorded, np.ones(3, bool), [3.0 + 2 * TURN, 2.0, 3.0], 41
-    )
+    part = moving_part(time_s, recorded, np.ones(3, bool))
+    waypoints, start_s, duration_s = (
+        part.waypoints([3.0 + 2 * TURN, 2.0, 3.0], np.ones(3, bool), 41), part.start_s, part.duration_s
+    )  # fmt: skip
     assert waypoints.shape == (41, 3)
     assert start_s == pytest.approx(2.04, abs=0.0101)
     assert start_s + duration_s == pytest.approx(5.96, abs=0.0101)
@@ -203,10 +204,9 @@ def test_the_real_recording_comes_out_on_the_branch_of_the_alternatives() -> Non
     recording = read_joint_states(REAL / "recordings/kinesthetic_ID0_task0.mcap", joints=joints)
     time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
     assert recording.positions[0, 2] == pytest.approx(-3.075, abs=1e-3)
-    waypoints, start_s, duration_s = demonstration_waypoints(
-        time_s, recording.positions, JACO_CONTINUOUS, JACO_START, 41
-    )
-    assert (start_s, duration_s) == (0.0, 20.0)
+    part = moving_part(time_s, recording.positions, JACO_CONTINUOUS)
+    waypoints = part.waypoints(JACO_START, JACO_CONTINUOUS, 41)
+    assert (part.start_s, part.duration_s) == (0.0, 20.0)
     assert waypoints[0, 2] == pytest.approx(3.208, abs=1e-3)
     np.testing.assert_allclose(waypoints[0], JACO_START, atol=np.deg2rad(5))
     # 41 samples at 0.5 s onto 41 waypoints over 20 s: only joint 3 changes
@@ -248,5 +248,5 @@ def test_arguments_are_not_changed() -> None:
     before = q.copy()
     unwrap(q, BOTH)
     to_branch(q, [9.0, 9.0], BOTH)
-    demonstration_waypoints(TIMES, q, BOTH, START, 5)
+    moving_part(TIMES, q, BOTH).waypoints(START, BOTH, 5)
     np.testing.assert_array_equal(q, before)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,13 +14,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from pipeline.arrays import ByteArray, IntArray
 from pipeline.formats.mcap.container import FRAME, CutOff, parse, scan
-from pipeline.formats.mcap.joint_state_cdr import JointBlock, decode_joint_states
+from pipeline.formats.mcap.joint_state_cdr import ENCODINGS, JointBlock, decode_joint_states
 from pipeline.formats.mcap.limits import Limits, Meter
 from pipeline.formats.mcap.rejection_reasons import rejection
 
 JOINT_STATE_SCHEMAS = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 _MESSAGE_HEAD = 22  # channel id u2, sequence u4, log time u8, publish time u8
-_CHANNEL_AT, _LOG_TIME_AT = FRAME.size, FRAME.size + 6
+_CHANNEL_AT, _LOG_TIME_AT, _PUBLISH_TIME_AT = FRAME.size, FRAME.size + 6, FRAME.size + 14
 _PAYLOAD_AT = FRAME.size + _MESSAGE_HEAD
 _CHANNEL_ID = struct.Struct("<H")
 _MESSAGE_COUNT = struct.Struct("<Q")
@@ -29,10 +30,11 @@ _LAYOUT_STEPS, _MAP_ENTRY_BYTES = 40, 8
 
 @dataclass(frozen=True)
 class LoggedBlock:
-    """Decoded poses with where they stand in the file, (k,), and when they were logged, (k,) ns."""
+    """Decoded poses with where they stand in the file, (k,), and when they were logged and published, (k,) ns."""
 
     place: IntArray
     log_ns: IntArray
+    publish_ns: IntArray
     states: JointBlock
 
 
@@ -57,8 +59,8 @@ class ChannelContents:
 
     @property
     def has_joint_states(self) -> bool:
-        """Whether its messages are JointState in CDR."""
-        return self.schema in JOINT_STATE_SCHEMAS and self.encoding == "cdr"
+        """Whether its messages are JointState in an encoding that can be read."""
+        return self.schema in JOINT_STATE_SCHEMAS and self.encoding in ENCODINGS
 
 
 @dataclass
@@ -71,6 +73,7 @@ class Contents:
         channels: by channel id.
         metadata: metadata records, name -> key -> text.
         cut: where the file breaks off, if it does.
+        sha256: of the bytes that were read, once all of them were.
     """
 
     profile: str = ""
@@ -78,6 +81,7 @@ class Contents:
     channels: dict[int, ChannelContents] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     cut: CutOff | None = None
+    sha256: str = ""
     _schemas: dict[int, str] = field(default_factory=dict)
     _declared: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _stated: int | None = None
@@ -89,13 +93,15 @@ class Contents:
         Raises:
             RecordingError: anything `container.scan` raises, corrupt, unsupported-encoding or too-large.
         """
+        digest = hashlib.sha256()
         try:
             meter = Meter(limits)
-            for opcode, body in scan(path, meter):
+            for opcode, body in scan(path, meter, digest):
                 self._take(opcode, body, meter)
         except CutOff as cut:
-            self.cut = cut
+            self.cut, self.sha256 = cut, digest.hexdigest()
             raise
+        self.sha256 = digest.hexdigest()
         if self._stated not in (None, self.messages):
             raise rejection("corrupt", f"The file states {self._stated} messages and holds {self.messages}.")
 
@@ -142,15 +148,16 @@ class Contents:
                 f"Topic {channel.topic} has more than {meter.limits.joint_states} messages; "
                 "cut the recording to one demonstration.",
             )
+        publish_ns = _publish_times(view, at)
         together = max(1, _DECODED_BYTES // stride)
         for start in range(0, len(at), together):
             part = slice(start, start + together)
             payloads = sliding_window_view(view, stride)[at[part]][:, _PAYLOAD_AT:]
-            for rows, states in decode_joint_states(payloads):
+            for rows, states in decode_joint_states(payloads, channel.encoding):
                 meter.step(_LAYOUT_STEPS + len(states.names))
                 meter.hold(states.positions.size)
                 place = self._place + at[part][rows]
-                channel.blocks.append(LoggedBlock(place, log_ns[part][rows], states))
+                channel.blocks.append(LoggedBlock(place, log_ns[part][rows], publish_ns[part][rows], states))
 
     def _messages(self, data: bytes, view: ByteArray, meter: Meter) -> dict[tuple[int, int], list[int]]:
         """Where the messages start, by channel and record length; schemas and channels are taken on the way."""
@@ -210,6 +217,12 @@ def _log_times(channel: ChannelContents, view: ByteArray, at: IntArray) -> IntAr
     if log_ns.max() > np.iinfo(np.int64).max:
         raise rejection("corrupt", f"A message on {channel.topic} has a log time beyond the year 2262.")
     return log_ns.astype(np.int64)
+
+
+def _publish_times(view: ByteArray, at: IntArray) -> IntArray:
+    """(k,) ns of the messages that start at (k,), 0 where it is beyond the year 2262."""
+    publish_ns = sliding_window_view(view, 8)[at + _PUBLISH_TIME_AT].view("<u8")[:, 0]
+    return np.where(publish_ns > np.iinfo(np.int64).max, 0, publish_ns).astype(np.int64)
 
 
 def _run(data: bytes, view: ByteArray, at: int, stride: int) -> int:

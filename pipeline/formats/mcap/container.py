@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import BinaryIO, Protocol, TypeVar
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
@@ -29,10 +29,18 @@ MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")  # opcode, length of the body
 _CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _LOOSE_BLOCK_BYTES = 1 << 20
+_REST_BYTES = 1 << 20
 _RECORD_STEPS, _CHUNK_STEPS = 4, 40
 _RECOVER = "set ingest.salvage to use what stands before"
 
 Record = TypeVar("Record")
+
+
+class Digest(Protocol):
+    """Such as `hashlib.sha256()`."""
+
+    def update(self, data: bytes, /) -> None:
+        """Take more bytes."""
 
 
 class CutOff(RecordingError):
@@ -53,8 +61,13 @@ class CutOff(RecordingError):
         self.unchecked = 0
 
 
-def scan(path: Path, meter: Meter) -> Iterator[tuple[int, bytes]]:
+def scan(path: Path, meter: Meter, digest: Digest | None = None) -> Iterator[tuple[int, bytes]]:
     """Walk a whole MCAP file, checking magic, framing and every CRC it carries.
+
+    Args:
+        path: the file.
+        meter: counts what it costs.
+        digest: is given every byte of a file that is whole or cut off, in order, as it is read.
 
     Yields:
         `(opcode, body)` of header, metadata and statistics records, and `(Opcode.CHUNK, data)` for each inflated
@@ -70,9 +83,15 @@ def scan(path: Path, meter: Meter) -> Iterator[tuple[int, bytes]]:
         raise rejection("unreadable", f"{path} is not a regular file; give an .mcap file.")
     try:
         with path.open("rb") as file:
-            walk = _Walk(file, os.fstat(file.fileno()).st_size, meter)
-            yield from walk.records()
-            walk.end()
+            stream = file if digest is None else _Digesting(file, digest)
+            walk = _Walk(stream, os.fstat(file.fileno()).st_size, meter)
+            try:
+                yield from walk.records()
+                walk.end()
+            except CutOff:
+                while stream.read(_REST_BYTES):
+                    pass
+                raise
     except OSError as error:
         raise rejection("unreadable", f"{path} cannot be read: {error.strerror or error}.") from error
 
@@ -83,6 +102,21 @@ def parse(read: Callable[[ReadDataStream], Record], body: bytes) -> Record:
         return read(_Body(BytesIO(body)))
     except (McapError, struct.error, UnicodeDecodeError, OverflowError) as error:
         raise rejection("corrupt", "A record's content does not fit its length or is not valid text.") from error
+
+
+class _Digesting:
+    """A file whose bytes go to a digest as they are read."""
+
+    def __init__(self, file: BinaryIO, digest: Digest) -> None:
+        self._file, self._digest = file, digest
+
+    def read(self, size: int) -> bytes:
+        data = self._file.read(size)
+        self._digest.update(data)
+        return data
+
+    def tell(self) -> int:
+        return self._file.tell()
 
 
 class _Body(ReadDataStream):
@@ -102,7 +136,7 @@ class _Walk:
     outside chunks that have not been handed out yet, and how many bytes of messages no checksum covered.
     """
 
-    def __init__(self, file: BinaryIO, size: int, meter: Meter) -> None:
+    def __init__(self, file: BinaryIO | _Digesting, size: int, meter: Meter) -> None:
         magic = file.read(len(MAGIC))
         if magic != MAGIC:
             raise rejection(
@@ -173,7 +207,7 @@ class _Walk:
         self._crc = zlib.crc32(body, zlib.crc32(frame, self._crc))
 
 
-def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[bytes, int, bytes]:
+def _record(file: BinaryIO | _Digesting, size: int, limits: Limits) -> tuple[bytes, int, bytes]:
     offset = file.tell()
     frame = file.read(FRAME.size)
     if len(frame) < FRAME.size:

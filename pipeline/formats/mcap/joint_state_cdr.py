@@ -1,9 +1,10 @@
-"""JointState messages as plain CDR (XCDR1), many at a time: bytes to arrays and back.
+"""JointState messages, many at a time: bytes to arrays, from plain CDR (XCDR1) and from ROS 1, and back to CDR.
 
-Layout, offsets counted from behind the 4-byte encapsulation header, numbers aligned to their own size:
+Layout, offsets counted from behind the first 4 bytes, in CDR numbers aligned to their own size:
 stamp int32 s, uint32 ns · frame_id string · name string[] · position float64[] · velocity float64[] · effort float64[].
-A string is its length with the closing NUL as uint32, then the bytes; a sequence is its length as uint32, then the
-elements.
+The first 4 bytes are the encapsulation header in CDR, the running number of the message in ROS 1, where nothing is
+aligned. A string is its length as uint32, in CDR with the closing NUL, then the bytes; a sequence is its length as uint32,
+then the elements.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from pipeline.arrays import ByteArray, FloatArray, IndexArray, IntArray
 from pipeline.formats.mcap.rejection_reasons import rejection
 
 MAX_JOINTS = 256
-_HEADER = 4  # encapsulation
+ENCODINGS = ("cdr", "ros1")
+_HEADER = 4  # encapsulation, or the running number
 _SHARED_LAYOUTS = 16
 _BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 
@@ -41,8 +43,23 @@ class JointBlock:
 
 
 @dataclass(frozen=True)
-class _Layout:
+class _Wire:
     order: str  # '<' or '>'
+    aligned: bool  # numbers, to their own size
+    closed: bool  # strings, by a NUL
+    fixed: int  # bytes at the start that are the same in all messages
+
+    def start(self, at: int, size: int) -> int:
+        """Where a number of `size` bytes begins that comes at `at` or behind."""
+        return _aligned(at, size) if self.aligned else at
+
+
+_ROS1 = _Wire("<", aligned=False, closed=False, fixed=0)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    wire: _Wire
     names: tuple[str, ...]
     arrays: tuple[tuple[int, int], ...]  # start, count of position, velocity, effort
 
@@ -51,14 +68,15 @@ class _Layout:
         stops = [start + 8 * count for start, count in self.arrays]
         starts = [_HEADER + 8, *stops[:-1]]
         spans = zip(starts, (start for start, _ in self.arrays), strict=True)
-        return (slice(0, _HEADER), *(slice(start, stop) for start, stop in spans))
+        return (slice(0, self.wire.fixed), *(slice(start, stop) for start, stop in spans))
 
 
-def decode_joint_states(payloads: ByteArray) -> Iterator[tuple[IndexArray, JointBlock]]:
+def decode_joint_states(payloads: ByteArray, encoding: str = "cdr") -> Iterator[tuple[IndexArray, JointBlock]]:
     """Decode messages of equal length, all that share a layout in one step.
 
     Args:
         payloads: (k, n) bytes, one message a row.
+        encoding: one of `ENCODINGS`.
 
     Yields:
         The rows each block holds, ascending, and the block; messages without positions give a block of no joints.
@@ -71,18 +89,18 @@ def decode_joint_states(payloads: ByteArray) -> Iterator[tuple[IndexArray, Joint
         if not len(rest):
             return
         rows = payloads[rest]
-        layout = _layout(rows[0].tobytes())
+        layout = _layout(rows[0].tobytes(), encoding)
         same = np.logical_and.reduce([(rows[:, span] == rows[0, span]).all(axis=1) for span in layout.fixed()])
         yield rest[same], _block(rows[same], layout)
         rest = rest[~same]
     # a bag has a layout per driver; looking for the mates of each message would be quadratic where every one differs
     for row in rest[:, None]:
-        yield row, _block(payloads[row], _layout(payloads[row].tobytes()))
+        yield row, _block(payloads[row], _layout(payloads[row].tobytes(), encoding))
 
 
 def _block(payloads: ByteArray, layout: _Layout) -> JointBlock:
     def numbers(start: int, count: int, kind: str) -> NDArray[Any]:
-        dtype = np.dtype(layout.order + kind)
+        dtype = np.dtype(layout.wire.order + kind)
         return np.ascontiguousarray(payloads[:, start : start + count * dtype.itemsize]).view(dtype)
 
     seconds, nanoseconds = numbers(_HEADER, 1, "i4"), numbers(_HEADER + 4, 1, "u4")
@@ -95,21 +113,16 @@ def _block(payloads: ByteArray, layout: _Layout) -> JointBlock:
     )
 
 
-def _layout(payload: bytes) -> _Layout:
+def _layout(payload: bytes, encoding: str) -> _Layout:
     if len(payload) < _HEADER:
-        raise rejection("corrupt", f"A JointState message has {len(payload)} bytes, too few for any CDR message.")
-    order = _BYTE_ORDERS.get(payload[:2])
-    if order is None:
-        raise rejection(
-            "unsupported-encoding",
-            f"A JointState message has the CDR representation 0x{payload[:2].hex()}; readable are 0x0000 and 0x0001.",
-        )
+        raise rejection("corrupt", f"A JointState message has {len(payload)} bytes, too few for any message.")
+    wire = _ROS1 if encoding == "ros1" else _cdr(payload)
     try:
-        at, names = _names(payload, order)
+        at, names = _names(payload, wire)
         arrays = []
         for _ in range(3):
-            at, count = _count(payload, order, at)
-            start = _aligned(at, 8) if count else at
+            at, count = _count(payload, wire, at)
+            start = wire.start(at, 8) if count else at
             at = start + 8 * count
             arrays.append((start, count))
     except (struct.error, UnicodeDecodeError) as error:
@@ -121,28 +134,38 @@ def _layout(payload: bytes) -> _Layout:
         raise rejection("corrupt", f"A JointState message has {len(names)} names for {positions} positions.")
     if len(set(names)) < len(names):
         raise rejection("corrupt", f"A JointState message names a joint twice among {names[:8]}.")
-    return _Layout(order, names, tuple(arrays))
+    return _Layout(wire, names, tuple(arrays))
 
 
-def _names(payload: bytes, order: str) -> tuple[int, tuple[str, ...]]:
-    at, length = _count(payload, order, _HEADER + 8)
-    at, count = _count(payload, order, at + length)  # past the frame_id
+def _cdr(payload: bytes) -> _Wire:
+    order = _BYTE_ORDERS.get(payload[:2])
+    if order is None:
+        raise rejection(
+            "unsupported-encoding",
+            f"A JointState message has the CDR representation 0x{payload[:2].hex()}; readable are 0x0000 and 0x0001.",
+        )
+    return _Wire(order, aligned=True, closed=True, fixed=_HEADER)
+
+
+def _names(payload: bytes, wire: _Wire) -> tuple[int, tuple[str, ...]]:
+    at, length = _count(payload, wire, _HEADER + 8)
+    at, count = _count(payload, wire, at + length)  # past the frame_id
     if count > MAX_JOINTS:
         raise rejection("corrupt", f"A JointState message states {count} joints, at most {MAX_JOINTS} are read.")
     names = []
     for _ in range(count):
-        at, length = _count(payload, order, at)
+        at, length = _count(payload, wire, at)
         name = payload[at : at + length]
-        if length == 0 or len(name) < length or name[-1] != 0:
+        if length == 0 or len(name) < length or (wire.closed and name[-1] != 0):
             raise rejection("corrupt", "A joint name in a JointState message does not end where its length says.")
-        names.append(name[:-1].decode())
+        names.append((name[:-1] if wire.closed else name).decode())
         at += length
     return at, tuple(names)
 
 
-def _count(payload: bytes, order: str, at: int) -> tuple[int, int]:
-    at = _aligned(at, 4)
-    return at + 4, struct.unpack_from(order + "I", payload, at)[0]
+def _count(payload: bytes, wire: _Wire, at: int) -> tuple[int, int]:
+    at = wire.start(at, 4)
+    return at + 4, struct.unpack_from(wire.order + "I", payload, at)[0]
 
 
 def _aligned(at: int, size: int) -> int:

@@ -6,19 +6,24 @@ The contract of the channel is `schemas/joint_state.ros2msg`; the codes of `Reco
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, RecordingError
 from pipeline.formats.mcap.channels import ChannelContents, Contents, LoggedBlock
 from pipeline.formats.mcap.container import CutOff
 from pipeline.formats.mcap.limits import Limits
-from pipeline.formats.mcap.poses import LISTED, Clock, listed, poses
+from pipeline.formats.mcap.poses import listed, poses
 from pipeline.formats.mcap.rejection_reasons import REASONS, Reason, rejection
+from pipeline.formats.mcap.topics import Choice, choose_topic, joint_names
 from pipeline.formats.mcap.writer import write_joint_states
+from pipeline.vocabulary import Clock
 
 __all__ = [
     "REASONS",
@@ -28,6 +33,7 @@ __all__ = [
     "RecordingReport",
     "TopicReport",
     "inspect_recording",
+    "joined",
     "read_joint_states",
     "write_joint_states",
 ]
@@ -38,13 +44,16 @@ class JointRecording:
     """The poses of one recording, in order of time.
 
     Attributes:
-        path: the file.
+        path: the file, or the first of several that are parts of one recording.
         topic: where the poses were published.
         time_ns: (M,) strictly increasing, M >= 2.
         names: the K joints.
         positions: (M, K) finite, rad for revolute joints and m for prismatic ones, as recorded (not unwrapped).
         metadata: the file's metadata records, name -> key -> text.
-        clock: what `time_ns` is: header stamps if every pose has one that is not zero, MCAP log times otherwise.
+        clock: what `time_ns` is: the first of header stamps, publish times and log times that runs (see `clocks.timed`).
+        dropped: how many poses were left out because that clock had no time of their own for them.
+        remarks: what is odd about the recording, or was chosen in reading it, a phrase each.
+        hashes: of the bytes that were read, SHA-256, by file.
         lost: None for a whole file; of one that is cut off, a sentence that says what is missing.
     """
 
@@ -55,6 +64,9 @@ class JointRecording:
     positions: FloatArray
     metadata: dict[str, dict[str, str]]
     clock: Clock
+    dropped: int
+    remarks: tuple[str, ...]
+    hashes: Mapping[Path, str]
     lost: str | None = None
 
 
@@ -109,22 +121,27 @@ def read_joint_states(
     joints: Sequence[str] | None = None,
     limits: Limits | None = None,
     *,
+    clock: Clock | None = None,
     salvage: bool = False,
+    least: int = 2,
 ) -> JointRecording:
     """Read the poses of one recording.
 
     Messages are taken in the order in which the file has them: a recorder writes one topic as it comes, so a time that
-    goes back means that a clock was set or that the file was put together, and either makes the motion a guess. Skipped are messages without positions (they
-    carry no pose), messages naming none of the joints (another device on the same topic), and exact repeats: the same
-    pose at the same time. Anything else that is out of order is an error, nothing is repaired.
+    goes back means that a clock was set or that the file was put together, and either makes the motion a guess. Skipped
+    are messages without positions (they carry no pose), messages naming none of the joints (another device on the same
+    topic), and exact repeats: the same pose at the same time. Poses whose time repeats or is a little late are left out and
+    counted. Anything else that is out of order is an error.
 
     Args:
         path: an MCAP file.
-        topic: which JointState topic; None for the only one, or the only one that has all of `joints`.
+        topic: which JointState topic; None for the only one that has all of `joints`, or see `choose_topic`.
         joints: the joints needed, which become the columns in this order; None for those of the first message.
         limits: what reading may cost.
+        clock: which times to use; None for the first clock that runs.
         salvage: of a file that is cut off, use the whole records before that place instead of refusing it. Only a cut is
             salvaged: what fails a checksum or contradicts itself is refused all the same.
+        least: how many poses are needed, 2 unless it is a part of a recording.
 
     Raises:
         ArgumentError: `joints` is empty or names a joint twice.
@@ -137,7 +154,47 @@ def read_joint_states(
     except CutOff:
         if not salvage:
             raise
-    return _joint_recording(Path(path), contents, topic, joints)
+    return _joint_recording(Path(path), contents, topic, joints, clock, least)
+
+
+def joined(parts: Sequence[JointRecording]) -> JointRecording:
+    """One recording from the parts in which it was written, in order, one or more.
+
+    Raises:
+        RecordingError: time-not-increasing, or the parts have poses of different joints, topics or clocks.
+    """
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    for before, after in pairwise(parts):
+        if (before.topic, before.names, before.clock) != (after.topic, after.names, after.clock):
+            raise rejection(
+                "incomplete-bag",
+                f"{before.path.name} and {after.path.name} are parts of one recording, but of topic {before.topic} by "
+                f"{before.clock} time and of {after.topic} by {after.clock} time; name ingest.topic and ingest.clock.",
+            )
+        if after.time_ns[0] <= before.time_ns[-1]:
+            raise rejection(
+                "time-not-increasing",
+                f"{after.path.name} begins before {before.path.name} ends, and both are parts of one recording; move files "
+                "that are recordings of their own into another folder.",
+            )
+    time_ns, positions = (
+        np.concatenate([getattr(part, field) for part in parts]) for field in ("time_ns", "positions")
+    )
+    time_ns.flags.writeable = positions.flags.writeable = False
+    names = listed([part.path.name for part in parts])
+    said = dict.fromkeys(remark for part in parts for remark in part.remarks)
+    return replace(
+        first,
+        time_ns=time_ns,
+        positions=positions,
+        metadata={name: record for part in reversed(parts) for name, record in part.metadata.items()},
+        dropped=sum(part.dropped for part in parts),
+        remarks=(f"put together from its {len(parts)} parts {names}", *said),
+        hashes={file: value for part in parts for file, value in part.hashes.items()},
+        lost=next((part.lost for part in parts if part.lost is not None), None),
+    )
 
 
 def inspect_recording(
@@ -145,6 +202,8 @@ def inspect_recording(
     topic: str | None = None,
     joints: Sequence[str] | None = None,
     limits: Limits | None = None,
+    *,
+    clock: Clock | None = None,
 ) -> RecordingReport:
     """Say what a file holds and whether `read_joint_states` would accept it; arguments as there.
 
@@ -156,12 +215,12 @@ def inspect_recording(
     recording, salvageable, reason, detail = None, None, None, None
     try:
         contents.read(Path(path), limits or Limits())
-        recording = _joint_recording(Path(path), contents, topic, joints)
+        recording = _joint_recording(Path(path), contents, topic, joints, clock)
     except RecordingError as error:
         reason, detail = error.reason, error.detail
     if contents.cut is not None:
         with suppress(RecordingError):
-            salvageable = _joint_recording(Path(path), contents, topic, joints)
+            salvageable = _joint_recording(Path(path), contents, topic, joints, clock)
     channels = sorted(contents.channels.values(), key=lambda channel: channel.topic)
     return RecordingReport(
         path=Path(path),
@@ -183,7 +242,7 @@ def _topic_report(channel: ChannelContents) -> TopicReport:
         schema=channel.schema,
         encoding=channel.encoding,
         messages=channel.messages,
-        joints=_joint_names(channel.blocks),
+        joints=joint_names(channel.blocks),
         duration_s=duration_s,
         rate_hz=(channel.messages - 1) / duration_s if duration_s > 0 else None,
     )
@@ -194,26 +253,55 @@ def _check_joints(joints: Sequence[str] | None) -> None:
         raise ArgumentError(f"joints must be one or more different names or None, got {joints!r}.")
 
 
-def _joint_names(blocks: Sequence[LoggedBlock]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(name for block in blocks for name in block.states.names))
-
-
-def _joint_recording(path: Path, contents: Contents, topic: str | None, joints: Sequence[str] | None) -> JointRecording:
+def _joint_recording(
+    path: Path,
+    contents: Contents,
+    topic: str | None,
+    joints: Sequence[str] | None,
+    clock: Clock | None = None,
+    least: int = 2,
+) -> JointRecording:
     by_topic: dict[str, list[LoggedBlock]] = {}
     for channel in contents.channels.values():
         if channel.has_joint_states:
             by_topic.setdefault(channel.topic, []).extend(channel.blocks)
     if not by_topic or (topic is not None and topic not in by_topic):
-        wanted = "sensor_msgs/msg/JointState in CDR" + (f" on {topic}" if topic else "")
-        raise rejection("no-joint-states", f"There is no {wanted}; the file has {_listing(contents)}.")
-    topic = _choose_topic(by_topic, joints) if topic is None else topic
-    blocks = [block for block in by_topic[topic] if block.states.names]
+        raise _no_joint_states(contents, topic)
+    choice = choose_topic(by_topic, joints) if topic is None else Choice(topic)
+    blocks = [block for block in by_topic[choice.topic] if block.states.names]
     if not blocks:
-        raise rejection("too-few-messages", f"No message on {topic} has positions; at least 2 poses are needed.")
+        raise rejection(
+            "too-few-messages",
+            f"No message on {choice.topic} has positions; at least {least} pose{'s are' if least > 1 else ' is'} needed.",
+        )
     names = tuple(joints or min(blocks, key=lambda block: block.log_ns.min()).states.names)
-    time_ns, positions, clock = poses(topic, blocks, names)
-    time_ns.flags.writeable = positions.flags.writeable = False
-    return JointRecording(path, topic, time_ns, names, positions, contents.metadata, clock, _lost(contents))
+    found = poses(choice.topic, blocks, names, clock, least)
+    found.time_ns.flags.writeable = found.positions.flags.writeable = False
+    return JointRecording(
+        path=path,
+        topic=choice.topic,
+        time_ns=found.time_ns,
+        names=names,
+        positions=found.positions,
+        metadata=contents.metadata,
+        clock=found.clock,
+        dropped=found.dropped,
+        remarks=(*([choice.remark] if choice.remark else []), *found.remarks),
+        hashes={path: contents.sha256},
+        lost=_lost(contents),
+    )
+
+
+def _no_joint_states(contents: Contents, topic: str | None) -> RecordingError:
+    wanted = "sensor_msgs/msg/JointState in CDR or ROS 1" + (f" on {topic}" if topic else "")
+    planned = any(channel.schema.endswith("/JointTrajectory") for channel in contents.channels.values())
+    remedy = (
+        "; a JointTrajectory is a plan and no recording of an arm, record one with "
+        "`ros2 bag record --storage mcap /joint_states`"
+        if planned
+        else ""
+    )
+    return rejection("no-joint-states", f"There is no {wanted}; the file has {_listing(contents)}{remedy}.")
 
 
 def _lost(contents: Contents) -> str | None:
@@ -233,15 +321,3 @@ def _lost(contents: Contents) -> str | None:
 def _listing(contents: Contents) -> str:
     channels = sorted({(c.topic, c.schema or "no schema", c.encoding) for c in contents.channels.values()})
     return listed([f"{topic} ({schema}, {encoding})" for topic, schema, encoding in channels]) or "no topics"
-
-
-def _choose_topic(by_topic: dict[str, list[LoggedBlock]], joints: Sequence[str] | None) -> str:
-    names = {topic: _joint_names(blocks) for topic, blocks in by_topic.items()}
-    fitting = sorted(topic for topic in names if set(joints or ()) <= set(names[topic]))
-    if len(fitting) == 1:
-        return fitting[0]
-    if fitting:
-        fit = "hold all joints" if joints else "hold joint states"
-        raise rejection("ambiguous-topic", f"The topics {listed(fitting)} {fit}; name the one to use.")
-    found = "; ".join(f"{topic}: {listed(names[topic]) or 'none'}" for topic in sorted(names)[:LISTED])
-    raise rejection("joints-missing", f"No topic has all of {listed(joints or ())}; recorded are {found}.")

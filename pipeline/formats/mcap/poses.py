@@ -3,43 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.formats.mcap.channels import LoggedBlock
+from pipeline.formats.mcap.clocks import timed
 from pipeline.formats.mcap.rejection_reasons import rejection
+from pipeline.vocabulary import CLOCKS, Clock
 
-Clock = Literal["header", "log"]
 LONGEST_S = 30 * 86_400  # from the first pose to the last; also what float seconds still resolve to a nanosecond
 FARTHEST = 1e6  # rad or m; a position beyond it is a mistake in the file, and would make MuJoCo overflow
 LISTED = 32  # names in a message
 
 
-def poses(topic: str, blocks: Sequence[LoggedBlock], names: tuple[str, ...]) -> tuple[IntArray, FloatArray, Clock]:
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """The poses of K joints in order of time.
+
+    Attributes:
+        time_ns: (M,) strictly increasing.
+        positions: (M, K) finite, rad or m.
+        clock: what `time_ns` is.
+        dropped: how many poses were left out for their times.
+        remarks: what is odd about them, a phrase each.
+    """
+
+    time_ns: IntArray
+    positions: FloatArray
+    clock: Clock
+    dropped: int
+    remarks: tuple[str, ...]
+
+
+def poses(
+    topic: str, blocks: Sequence[LoggedBlock], names: tuple[str, ...], clock: Clock | None = None, least: int = 2
+) -> Poses:
     """The poses of the joints `names`, in the order in which the file has them, exact repeats left out.
+
+    Joints that come in messages of their own are put together by name: a pose is complete with the first message after
+    which every joint has been heard of since the pose before it.
 
     Args:
         topic: named in messages.
         blocks: the topic's messages with positions; those that name none of the joints are skipped.
         names: K joints.
-
-    Returns:
-        (M,) strictly increasing ns and (M, K) finite positions, M >= 2, and which clock the times are of.
+        clock: see `timed`.
+        least: how many poses are needed.
 
     Raises:
         RecordingError: joints-missing, too-few-messages, not-finite, out-of-range or time-not-increasing.
     """
     used = [block for block in blocks if not set(names).isdisjoint(block.states.names)]
-    _require_joints(topic, used, names)
-    _require_two(topic, sum(len(block.log_ns) for block in used), names)
-    time_ns, positions, clock = _in_order(used, names)
+    _require_joints(topic, blocks, names)
+    _require(topic, sum(len(block.log_ns) for block in used), names, least)
+    rows, positions, remarks = _complete(used, names)
+    _require(topic, len(rows), names, least)
     _check_positions(topic, positions, names)
-    time_ns, positions = _without_repeats(time_ns, positions)
-    _require_two(topic, len(time_ns), names)
-    _check_times(topic, time_ns, clock)
-    return time_ns, positions, clock
+    times = {which: _gathered(used, which)[rows] for which in CLOCKS}
+    found = timed(topic, times, positions, clock)
+    _require(topic, len(found.time_ns), names, least)
+    _check_span(topic, found.time_ns, found.clock)
+    return Poses(found.time_ns, positions[found.kept], found.clock, found.dropped, (*remarks, *found.remarks))
 
 
 def listed(names: Sequence[str]) -> str:
@@ -49,34 +75,64 @@ def listed(names: Sequence[str]) -> str:
 
 
 def _require_joints(topic: str, blocks: Sequence[LoggedBlock], names: tuple[str, ...]) -> None:
-    for block in blocks:
-        missing = [name for name in names if name not in block.states.names]
-        if missing:
-            raise rejection(
-                "joints-missing",
-                f"A message on {topic} lacks {listed(missing)}; it has {listed(block.states.names)}.",
-            )
+    there = dict.fromkeys(name for block in blocks for name in block.states.names)
+    missing = [name for name in names if name not in there]
+    if missing:
+        raise rejection(
+            "joints-missing", f"No message on {topic} has {listed(missing)}; they have {listed(list(there))}."
+        )
 
 
-def _require_two(topic: str, count: int, names: tuple[str, ...]) -> None:
-    if count < 2:
-        raise rejection("too-few-messages", f"Topic {topic} has {count} pose of {listed(names)}; 2 or more are needed.")
+def _require(topic: str, count: int, names: tuple[str, ...], least: int) -> None:
+    if count < least:
+        raise rejection(
+            "too-few-messages",
+            f"Topic {topic} has {count} pose{'s' * (count != 1)} of {listed(names)}; {least} or more are needed.",
+        )
 
 
-def _in_order(blocks: Sequence[LoggedBlock], names: tuple[str, ...]) -> tuple[IntArray, FloatArray, Clock]:
-    """Times and positions as the file has them; by header stamps if every message has one that is not zero."""
-    log_ns = np.concatenate([block.log_ns for block in blocks])
-    stamp_ns = np.concatenate([block.states.stamp_ns for block in blocks])
-    positions = np.concatenate([_columns(block, names) for block in blocks])
-    order = np.argsort(np.concatenate([block.place for block in blocks]), kind="stable")
-    clock: Clock = "header" if (stamp_ns > 0).all() else "log"
-    return (stamp_ns if clock == "header" else log_ns)[order], positions[order], clock
+def _places(blocks: Sequence[LoggedBlock]) -> IntArray:
+    return np.argsort(np.concatenate([block.place for block in blocks]), kind="stable")
+
+
+def _gathered(blocks: Sequence[LoggedBlock], clock: Clock) -> IntArray:
+    """(n,) ns of all messages in the order of the file, by one of the clocks."""
+    columns = [
+        block.states.stamp_ns if clock == "header" else block.publish_ns if clock == "publish" else block.log_ns
+        for block in blocks
+    ]
+    return np.concatenate(columns)[_places(blocks)]
+
+
+def _complete(blocks: Sequence[LoggedBlock], names: tuple[str, ...]) -> tuple[IntArray, FloatArray, tuple[str, ...]]:
+    """Which messages complete a pose, the poses (M, K), and a remark if not all messages do."""
+    order = _places(blocks)
+    positions = np.concatenate([_columns(block, names) for block in blocks])[order]
+    heard = [np.isin(names, block.states.names) for block in blocks]
+    if all(joints.all() for joints in heard):
+        return np.arange(len(order)), positions, ()
+    has = np.concatenate([np.tile(joints, (len(block.log_ns), 1)) for joints, block in zip(heard, blocks, strict=True)])
+    has = has[order]
+    last = np.maximum.accumulate(np.where(has, np.arange(len(has))[:, None], -1), axis=0)
+    rows, before = [], -1
+    for row, oldest in enumerate(last.min(axis=1).tolist()):
+        if oldest > before:
+            rows.append(row)
+            before = row
+    complete = np.array(rows, dtype=np.intp)
+    partial = int((~has.all(axis=1)).sum())
+    remark = f"{partial} of {len(has)} messages have some of the joints only, so poses are put together by name"
+    return complete, np.take_along_axis(positions, last[complete], axis=0), (remark,)
 
 
 def _columns(block: LoggedBlock, names: tuple[str, ...]) -> FloatArray:
+    """(k, K) positions, NaN for joints that the messages do not have."""
     if block.states.names == names:
         return block.states.positions
-    return block.states.positions[:, [block.states.names.index(name) for name in names]]
+    there = [j for j, name in enumerate(names) if name in block.states.names]
+    columns = np.full((len(block.log_ns), len(names)), np.nan)
+    columns[:, there] = block.states.positions[:, [block.states.names.index(names[j]) for j in there]]
+    return columns
 
 
 def _check_positions(topic: str, positions: FloatArray, names: tuple[str, ...]) -> None:
@@ -92,21 +148,7 @@ def _check_positions(topic: str, positions: FloatArray, names: tuple[str, ...]) 
         )
 
 
-def _without_repeats(time_ns: IntArray, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Without those that have the time and the pose of the one before them."""
-    fresh = np.concatenate([[True], (np.diff(time_ns) != 0) | (positions[1:] != positions[:-1]).any(axis=1)])
-    return time_ns[fresh], positions[fresh]
-
-
-def _check_times(topic: str, time_ns: IntArray, clock: Clock) -> None:
-    step_ns = np.diff(time_ns)
-    if (step_ns <= 0).any():
-        row = int((step_ns <= 0).argmax())
-        raise rejection(
-            "time-not-increasing",
-            f"Pose {row + 2} on {topic} comes {step_ns[row] / 1e9:g} s after the pose before it by its {clock} time; "
-            "times must increase.",
-        )
+def _check_span(topic: str, time_ns: IntArray, clock: Clock) -> None:
     span_s = (int(time_ns[-1]) - int(time_ns[0])) / 1e9
     if span_s > LONGEST_S:
         raise rejection(

@@ -116,7 +116,9 @@ def test_log_times_may_differ_from_stamps(tmp_path: Path) -> None:
     stamps = np.array([0, 5, 9])
     write(tmp_path / "a.mcap", count=3, time_ns=stamps, log_time_ns=START + stamps)
     recording = read_joint_states(tmp_path / "a.mcap")
-    assert recording.clock == "log"  # a stamp of zero is no stamp
+    assert recording.clock == "header"  # a clock that begins at zero
+    assert recording.time_ns.tolist() == [0, 5, 9]
+    recording = read_joint_states(tmp_path / "a.mcap", clock="log")
     assert recording.time_ns.tolist() == [START, START + 5, START + 9]
 
 

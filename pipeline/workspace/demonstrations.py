@@ -1,0 +1,201 @@
+"""From a recording to a demonstration: what cannot be right is refused, what is merely odd is used and said."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pipeline.errors import RecordingError
+from pipeline.formats.mcap.bags import Bag
+from pipeline.formats.mcap.joint_states import JointRecording, joined, read_joint_states
+from pipeline.formats.mcap.rejection_reasons import rejection
+from pipeline.formats.mcap.writer import METADATA
+from pipeline.params import Ingest
+from pipeline.replay.scene import Scene
+from pipeline.terminal import plain
+from pipeline.trajectories.motion import longest_gap, rate_hz
+from pipeline.trajectories.timebase import moving_part
+from pipeline.vocabulary import RESERVED_IDS, TASK_ANCHOR
+from pipeline.workspace.people import identity
+from pipeline.workspace.plausibility import ends_apart, require_plausible, within_limits
+from pipeline.workspace.project import Project
+from pipeline.workspace.scenes import load_task_scene
+
+LONGEST_NAME = 200  # characters
+LONGEST_THETA = 10_000  # characters
+LONGEST_REMARKS = 4000  # characters
+LARGEST_WEIGHT = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class Intake:
+    """What recordings of a task are judged by.
+
+    Attributes:
+        task: its name.
+        scene: of the task.
+        settings: of ingest.
+        shared_ends: whether all demonstrations are compared with alternatives from the scene's start to its goal.
+        elsewhere: of the project's other tasks, those with a folder of recordings of their own.
+    """
+
+    task: str
+    scene: Scene
+    settings: Ingest
+    shared_ends: bool
+    elsewhere: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, project: Project, name: str) -> Intake:
+        """That of a task.
+
+        Raises:
+            SceneError: see `load_task_scene`.
+        """
+        task = project.params.task(name)
+        others = frozenset(key for key, other in project.params.tasks.items() if other.recordings != task.recordings)
+        return cls(name, load_task_scene(project, task), project.params.ingest, task.anchor == TASK_ANCHOR, others)
+
+    def salvaging(self) -> Intake:
+        """The same, with what stands before the cut of a recording that is cut off."""
+        return replace(self, settings=self.settings.model_copy(update={"salvage": True}))
+
+
+def read_bag(bag: Bag, intake: Intake) -> JointRecording:
+    """The recording that is in the files of a bag, of the scene's joints.
+
+    Raises:
+        RecordingError: see `read_joint_states` and `joined`; a part of a split recording cannot be used.
+    """
+    settings, parts, empty = intake.settings, list[JointRecording](), list[str]()
+    least = 2 if len(bag.files) == 1 else 1
+    for file in bag.files:
+        try:
+            parts.append(
+                read_joint_states(
+                    file,
+                    settings.topic,
+                    intake.scene.joints,
+                    clock=settings.clock,
+                    salvage=settings.salvage,
+                    least=least,
+                )
+            )
+        except RecordingError as error:
+            if len(bag.files) == 1:
+                raise
+            if error.reason not in ("too-few-messages", "no-joint-states"):
+                raise rejection(error.reason, f"{file.name}, a part of {bag.name}: {error.detail}") from error  # type: ignore[arg-type]
+            empty.append(file.name)
+    if not parts:
+        raise rejection("no-joint-states", f"No part of {bag.name} has poses of {', '.join(intake.scene.joints)}.")
+    whole = joined(parts)
+    if len(whole.time_ns) < 2:
+        raise rejection("too-few-messages", f"{bag.name} has 1 pose; 2 or more are needed.")
+    return whole
+
+
+def demonstration(bag: Bag, intake: Intake) -> dict[str, Any]:
+    """One row of demonstrations.parquet.
+
+    Raises:
+        RecordingError: the recording cannot be used.
+    """
+    return demonstration_row(bag.name, read_bag(bag, intake), intake)
+
+
+def demonstration_row(name: str, recording: JointRecording, intake: Intake) -> dict[str, Any]:
+    """The same from a recording that was read, of the scene's joints.
+
+    Raises:
+        RecordingError: the recording cannot be used.
+    """
+    _check_name("A recording", name, "rename the file")
+    remarks = list(recording.remarks)
+    stated = _stated(recording, intake, remarks)
+    participant = stated.get("participant", name)
+    _check_name("A participant", participant, f"change it in the recording's metadata record {METADATA!r}")
+    scene, settings = intake.scene, intake.settings
+    time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
+    positions = within_limits(scene, recording.positions, time_s, remarks)
+    part = moving_part(time_s, positions, scene.continuous, settings.idle_rad)
+    fastest = require_plausible(scene, part, settings, remarks)
+    reference = positions[0] if scene.start is None else scene.start
+    path = part.waypoints(reference, scene.continuous, settings.waypoints)
+    ends = ends_apart(scene, path, settings, remarks) if intake.shared_ends else None
+    return {
+        "demonstration_id": name,
+        "participant": participant,
+        "source": recording.path.name,
+        "simulated": stated.get("simulated") == "true",
+        "true_theta": stated.get("true_theta"),
+        "start_time_ns": int(recording.time_ns[0]) + round(part.start_s * 1e9),
+        "duration_s": part.duration_s,
+        "salvaged": recording.lost is not None,
+        "lost": recording.lost,
+        "files": len(recording.hashes),
+        "clock": recording.clock,
+        "rate_hz": rate_hz(time_s),
+        "dropped": recording.dropped,
+        "longest_gap_s": longest_gap(part.time_s).size,
+        "greatest_speed": fastest.size,
+        "fastest_joint": scene.joints[fastest.joint],
+        "start_apart": ends[0].size if ends else None,
+        "start_apart_m": ends[0].end_effector_m if ends else None,
+        "goal_apart": ends[1].size if ends else None,
+        "goal_apart_m": ends[1].end_effector_m if ends else None,
+        "remarks": plain("; ".join(remarks), LONGEST_REMARKS) or None,
+        "waypoints": path,
+    }
+
+
+def _stated(recording: JointRecording, intake: Intake, remarks: list[str]) -> dict[str, str]:
+    """The recording's metadata on the demonstration.
+
+    Raises:
+        RecordingError: it names another task of the project, or says what it may not say.
+    """
+    stated = recording.metadata.get(METADATA, {})
+    task = stated.get("task", intake.task)
+    if task in intake.elsewhere:
+        raise rejection(
+            "another-task",
+            f"Its metadata record {METADATA!r} says that it is of task {task!r}, which has recordings of its own; move it "
+            f"there, or change the record if it is of {intake.task!r}.",
+        )
+    if task != intake.task:
+        remarks.append(f"says of itself that it is of task {task!r}")
+    _check_true_theta(stated.get("true_theta"))
+    return stated
+
+
+def _check_name(whose: str, name: str, remedy: str) -> None:
+    if identity(name) in RESERVED_IDS:
+        raise rejection(
+            "reserved-name", f"{whose} cannot be called {name}, which tables use for all of them; {remedy}."
+        )
+    if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+        raise rejection(
+            "reserved-name",
+            f"{whose} cannot be called {name!r}; a name has 1 to {LONGEST_NAME} printable characters, {remedy}.",
+        )
+
+
+def _check_true_theta(text: str | None) -> None:
+    """What a simulated participant wanted must be weights by feature, as later stages compute with them."""
+    if text is None:
+        return
+    try:
+        weights = json.loads(text) if len(text) <= LONGEST_THETA else None
+    except (ValueError, RecursionError):
+        weights = None
+    if not isinstance(weights, dict) or not all(
+        isinstance(weight, int | float) and not isinstance(weight, bool) and abs(weight) <= LARGEST_WEIGHT
+        for weight in weights.values()
+    ):
+        raise rejection(
+            "bad-metadata",
+            f"The recording states true_theta as {text!r}; it must be a JSON object, feature name to a weight between "
+            f"-{LARGEST_WEIGHT:g} and {LARGEST_WEIGHT:g}.",
+        )
