@@ -34,6 +34,7 @@ NEUTRAL = {
     "pipeline/params/reading.py",
     "pipeline/params/sections.py",
     "pipeline/stages/registry.py",
+    "pipeline/terminal.py",
     "pipeline/workspace/compute/dask_executor.py",
     "pipeline/workspace/progress.py",
     "pipeline/workspace/project.py",
