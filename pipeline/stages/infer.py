@@ -74,7 +74,7 @@ def hypotheses(task: Task, settings: Infer, features: Sequence[str]) -> np.ndarr
         raise StageError(
             f"the tables have the features {', '.join(features)} in this order and params.yaml has "
             f"{', '.join(task.features)}, which the task's thetas are weights of; make the tables again with "
-            "`dvc repro --force featurize@TASK` and `dvc repro`"
+            "`dvc repro --force --single-item featurize@TASK`, then `dvc repro`"
         )
     return np.array(task.thetas, dtype=np.float64)
 

@@ -21,7 +21,7 @@ def project(make_project: Callable[[dict[str, Any]], Project], parameters: dict[
 
 
 def added(project: Project, name: str) -> str:
-    return add_task(project, name, project.root / "gantry.xml", project.root / "mine", None)
+    return "\n".join(add_task(project, name, project.root / "gantry.xml", project.root / "mine", None))
 
 
 def test_dvc_yaml_is_then_as_the_registry_writes_it(project: Project) -> None:

@@ -70,7 +70,7 @@ def _expect_one_sentence(said: dict[str, list[str]], why: str) -> None:
 def test_a_full_disk(undisturbed: Undisturbed, tmp_path: Path) -> None:
     root, disk = undisturbed.root, tmp_path / "disk"
     disk.mkdir()
-    said = _said(FULL, root, disk, root, tmp_path)
+    said = _said(FULL, disk, disk, root, tmp_path)
     _expect_one_sentence(said, "no space left on device")
     before = {name: digest for name, digest in undisturbed.outputs.items() if name.startswith("datasets")}
     after = outputs(tmp_path)
