@@ -32,6 +32,7 @@ SQL = f"select 1 as \"{EVIL.replace(chr(34), '')}\", '{EVIL}' as a, ['{EVIL}'] a
 
 # every command with words that it takes, and with words that it does not
 COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
+    ("scene",): [["sweep"], [EVIL]],
     ("simulate",): [["sweep"], [EVIL], ["sweep", EVIL]],
     ("ingest",): [["sweep"], [EVIL]],
     ("sample",): [["sweep"], [EVIL]],
@@ -143,7 +144,7 @@ def require_harmless(shown: str, words: object) -> None:
 
 
 SUCCEED = (
-    "simulate sweep", "ingest sweep", "sample sweep", "featurize sweep", "density sweep", "infer sweep", "shift sweep",
+    "scene sweep", "simulate sweep", "ingest sweep", "sample sweep", "featurize sweep", "density sweep", "infer sweep", "shift sweep",
     "inspect sweep", "figures sweep", "catalog", "report", "sql", "sql from demonstrations",
     "sql from rejected", "sql from files", f"sql {SQL}", "verify sweep", "watch --idle-s 0",
     "summary", "new-task another --scene gantry.xml --recordings mine", "recover",
