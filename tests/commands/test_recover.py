@@ -36,6 +36,17 @@ def project(tmp_path: Path) -> Project:
     return Project(tmp_path)
 
 
+@pytest.mark.parametrize("link", ["tmp", "tmp/lock"])
+def test_nothing_is_opened_through_a_link_out_of_the_project(tmp_path: Path, link: str) -> None:
+    root, outside = tmp_path / "received", tmp_path / "outside"
+    outside.mkdir()
+    (root / ".dvc" / link).parent.mkdir(parents=True)
+    (root / ".dvc" / link).symlink_to(outside if link == "tmp" else outside / "lock")
+    with pytest.raises(StageError, match="a link leads from here out of the project"):
+        recover(Project(root))
+    assert not list(outside.iterdir())
+
+
 def test_what_is_whole_is_left_alone(project: Project) -> None:
     (project.root / ".dvc" / "tmp" / "rwlock").write_text("{}")
     assert recover(project) == []

@@ -40,7 +40,7 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("density",): [["sweep"], [EVIL]],
     ("infer",): [["sweep"], [EVIL], ["sweep", "--live", "--bind", EVIL], ["sweep", "--port", EVIL]],
     ("shift",): [["sweep"], [EVIL]],
-    ("study",): [["human-choice"], [EVIL], ["robustness", EVIL], ["grid-world", EVIL]],
+    ("study",): [["robustness", "sweep"], ["human-choice"], [EVIL], ["robustness", EVIL], ["grid-world", EVIL]],
     ("inspect",): [["sweep"], ["studies"], [EVIL]],
     ("figures",): [["sweep"], ["studies"], [EVIL]],
     ("catalog",): [[]],
@@ -145,7 +145,7 @@ def require_harmless(shown: str, words: object) -> None:
 
 SUCCEED = (
     "scene sweep", "simulate sweep", "ingest sweep", "sample sweep", "featurize sweep", "density sweep", "infer sweep", "shift sweep",
-    "inspect sweep", "figures sweep", "catalog", "report", "sql", "sql from demonstrations",
+    "study robustness sweep", "inspect sweep", "figures sweep", "catalog", "report", "sql", "sql from demonstrations",
     "sql from rejected", "sql from files", f"sql {SQL}", "verify sweep", "watch --idle-s 0",
     "summary", "new-task another --scene gantry.xml --recordings mine", "recover",
 )  # fmt: skip

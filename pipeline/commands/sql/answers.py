@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -13,7 +15,7 @@ from typing import IO, TYPE_CHECKING
 from pipeline.commands.sql.layout import Page
 from pipeline.errors import QueryError
 from pipeline.formats.duckdb.export import write_csv, write_json, write_parquet
-from pipeline.formats.duckdb.questions import CONTENTS, EXAMPLES, asked
+from pipeline.formats.duckdb.questions import CONTENTS, EXAMPLES, ask, asked
 from pipeline.formats.files.atomic import written_whole
 from pipeline.terminal import say, standard_output
 
@@ -73,10 +75,12 @@ def answer_once(catalog: Path, question: str | None, wanted: Wanted) -> None:
         if wanted.output is not None:
             with written_whole(wanted.output) as stream:
                 _write(answer, form, wanted, stream)
-            return
-        with standard_output() as stream:
-            _write(answer, form, wanted, stream)
-    if question is None and form is Format.table:
+        else:
+            with standard_output() as stream:
+                _write(answer, form, wanted, stream)
+    if question is not None and answer.taken == 0:
+        _say_which_tasks(catalog, question)
+    if question is None and form is Format.table and wanted.output is None:
         for line in _examples():
             say(line)
 
@@ -135,6 +139,18 @@ def _count(frames: Iterator[pl.DataFrame], count: int) -> tuple[int, bool]:
         if time.monotonic() > until:
             return count, False
     return count, True
+
+
+def _say_which_tasks(catalog: Path, question: str) -> None:
+    """Say so if a question that found nothing asks for a task that the catalog does not have."""
+    asked_for = re.findall(r"\btask\s*=\s*'([^']*)'", question, re.IGNORECASE)
+    if not asked_for:
+        return
+    with suppress(QueryError):  # a catalog without `files` is none that `lessbench catalog` made
+        tasks = ask(catalog, "select distinct task from files where task is not null order by all")["task"].to_list()
+        for task in asked_for:
+            if task not in tasks:
+                say(f"the catalog has no task {task!r}; it has {', '.join(tasks) or 'none yet'}", error=True)
 
 
 def _examples() -> list[str]:

@@ -45,11 +45,13 @@ class Answer:
 
     Attributes:
         schema: names and types of the columns; several of one name are numbered.
+        taken: how many rows have been taken so far.
     """
 
     def __init__(self, batches: Iterator[pa.RecordBatch], schema: pa.Schema) -> None:
         self._batches = batches
         self.schema: pa.Schema = schema
+        self.taken = 0
 
     def batches(self) -> Iterator[pa.RecordBatch]:
         """The rows that have not been taken yet.
@@ -58,6 +60,7 @@ class Answer:
             QueryError: the question turns out to be wrong, or takes too much time or memory.
         """
         for batch in self._batches:
+            self.taken += batch.num_rows
             yield batch.rename_columns(self.schema.names)
 
     def frames(self) -> Iterator[pl.DataFrame]:

@@ -19,7 +19,7 @@ import pytest
 from pipeline.commands.sql import answers
 from pipeline.commands.sql.answers import Format, Wanted, answer_once
 from pipeline.errors import QueryError, StageError
-from pipeline.formats.duckdb.catalog import build_catalog
+from pipeline.formats.duckdb.catalog import SourceFile, build_catalog
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import write_table
 
@@ -40,7 +40,8 @@ def catalog(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )  # fmt: skip
     write_table(folder / "posteriors.parquet", "posteriors", table, {})
     with OpenTable(folder / "posteriors.parquet", "posteriors") as posteriors:
-        build_catalog(folder / "catalog.duckdb", {"posteriors": [("a", posteriors)]})
+        source = SourceFile("a/posteriors.parquet", "posteriors", "a", "00", {})
+        build_catalog(folder / "catalog.duckdb", {"posteriors": [("a", posteriors)]}, [source])
     (folder / "params.yaml").write_text("{}")
     (folder / "datasets").mkdir()
     (folder / "datasets" / "catalog.duckdb").symlink_to(folder / "catalog.duckdb")
@@ -111,6 +112,23 @@ def test_a_file_whose_question_fails_on_the_way_is_not_there(catalog: Path, tmp_
             answer_once(catalog, FAILING, Wanted(form.form, tmp_path / name))
     assert [path.name for path in tmp_path.iterdir()] == ["there.before"]
     assert (tmp_path / "there.before").read_text() == "as it was"
+
+
+@pytest.mark.parametrize(
+    ("question", "said"),
+    [
+        ("from posteriors where task = 'b'", "the catalog has no task 'b'; it has a\n"),
+        ("from posteriors where TASK='\x1b[2J'", "the catalog has no task '\\x1b[2J'; it has a\n"),
+        ("from posteriors where task = 'a' and beta = 7", ""),
+        ("from posteriors where beta = 7", ""),
+    ],
+)
+@pytest.mark.parametrize("form", [TABLE, CSV])
+def test_a_task_that_is_not_there_is_named(
+    catalog: Path, capsys: pytest.CaptureFixture[str], question: str, said: str, form: Wanted
+) -> None:
+    answer_once(catalog, question, form)
+    assert capsys.readouterr().err == said
 
 
 def test_no_formulas_is_for_csv(catalog: Path, capsys: pytest.CaptureFixture[str]) -> None:
