@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -92,9 +92,7 @@ def _fill(
 ) -> dict[str, int]:
     rows = {}
     for name, files in tables.items():
-        con.execute("begin")
         rows[name] = _add_table(con, schema(name), files)
-        con.execute("commit")
     _add_sources(con, sources)
     for name, view in VIEWS.items():
         if set(view.tables) <= set(tables):
@@ -111,16 +109,38 @@ def _add_table(
     con.execute(f"create table {identifier(contract.name)} ({typed})")
     for task, table in tables:
         own = "" if task is None or "task" in table.columns else f"{literal(task)} as task, "
-        for number, _ in enumerate(table.parts):
-            con.register("part", table.part(number).to_arrow())
-            con.execute(
-                f"insert into {identifier(contract.name)} by name select {own}{identifiers(table.columns)} from part"
-            )
-            con.unregister("part")
+        selection = f"select {own}{identifiers(table.columns)} from given"
+        _insert(con, f"insert into {identifier(contract.name)} by name {selection}", table)
     con.execute(f"comment on table {identifier(contract.name)} is {literal(f'each row: {contract.row}')}")
     for name, column in columns.items():
         _comment(con, contract.name, name, _meaning(column))
     return sum(table.rows for _, table in tables)
+
+
+def _insert(con: duckdb.DuckDBPyConnection, sql: str, table: OpenTable) -> None:
+    """Insert from `given`: the rows of a table, of which one part is in memory at a time, checked as it is read."""
+    import duckdb
+    import pyarrow as pa
+
+    refused: list[TableError] = []
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        try:
+            for number, _ in enumerate(table.parts):
+                yield from table.part(number).to_arrow().cast(table.arrow_schema).to_batches()
+        except TableError as error:
+            refused.append(error)
+            raise
+
+    con.register("given", pa.RecordBatchReader.from_batches(table.arrow_schema, batches()))
+    try:
+        con.execute(sql)
+    except duckdb.Error:
+        if refused:  # DuckDB has an error of its own for what goes wrong in what it is given
+            raise refused[0] from None
+        raise
+    finally:
+        con.unregister("given")
 
 
 def _columns(contract: TableSchema, tables: Sequence[tuple[str | None, OpenTable]]) -> dict[str, Column]:

@@ -6,6 +6,8 @@ from typing import Any
 import duckdb
 import numpy as np
 import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from pipeline.errors import QueryError, TableError
@@ -160,7 +162,7 @@ def whole(tmp_path: Path) -> Path:
             people["demonstration_id"], people["participant"], source=people["demonstration_id"] + ".mcap"
         ),
         "rejected": pl.DataFrame({"source": ["cut.mcap"], "reason": "truncated", "detail": "It ends too soon."}),
-        "scales": pl.DataFrame({"feature": ["z", "a"], "unit": "", "method": "range", "scale": 1.0}),
+        "scales": sample_of("scales", 2).with_columns(feature=pl.Series(["z", "a"]), scale=1.0),
     }  # fmt: skip
     sources = []
     for name, table in tables.items():
@@ -323,6 +325,20 @@ def test_a_table_is_handed_over_part_by_part(tmp_path: Path, monkeypatch: pytest
         assert build_catalog(path, {"features": [("t", open_table)]}) == {"features": 5}
     assert read == [0, 1, 2, 3, 4]
     assert ask(path, "select effort from features")["effort"].to_list() == [0, 1, 2, 3, 4]
+
+
+def test_a_value_that_breaks_the_schema_stops_it_with_its_file_and_row(tmp_path: Path) -> None:
+    path = tmp_path / "features.parquet"
+    with table_writer(path, "features", {}) as writer:
+        for number in range(3):
+            writer.write(features(effort=[float(number)]).with_columns(id=pl.lit(f"a{number}")))
+    broken = pq.read_table(path)
+    values = pa.array([0.0, 1.0, float("nan")])
+    broken = broken.set_column(5, broken.schema.field(5), values)
+    pq.write_table(broken, path, row_group_size=1)
+    with OpenTable(path, "features") as open_table, pytest.raises(TableError, match=r"holds NaN in row 3"):
+        build_catalog(tmp_path / "catalog.duckdb", {"features": [("t", open_table)]})
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_it_is_stored_so_that_the_first_stable_duckdb_opens_it(catalog: Path) -> None:
