@@ -24,7 +24,7 @@ def sql(
     ] = None,
     form: Annotated[
         Format | None,
-        typer.Option("--format", help="How the answer is given: as a table, or all of it for other programs."),
+        typer.Option("--format", metavar="FORMAT", help="table, csv, json or parquet; all but table hold all rows."),
     ] = None,
     output: Annotated[
         Path | None,
@@ -37,6 +37,7 @@ def sql(
         typer.Option(
             min=1,
             max=MOST_ROWS,
+            metavar="NUMBER",
             help=f"Rows of a table (default: {ROWS_ON_TERMINAL}; {ROWS_ELSEWHERE:,} in a pipe or a file).",
         ),
     ] = None,

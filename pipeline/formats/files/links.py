@@ -24,10 +24,9 @@ def require_inside(path: Path, *, opened: bool = False) -> None:
     Raises:
         StageError: a link on the way leads out of the project; or what is opened is no file of its own.
     """
-    for project in _projects:
+    for project in tuple(_projects):
         if path.is_relative_to(project):
-            reached = path if opened else path.parent
-            if not _resolved(reached).is_relative_to(_resolved(project)):
+            if leads_out(project, path if opened else path.parent):
                 raise StageError(
                     f"{path}: a link leads from here out of the project, so nothing was written; remove the link and "
                     "run it again"
@@ -36,8 +35,9 @@ def require_inside(path: Path, *, opened: bool = False) -> None:
                 raise StageError(f"{path}: is no file of its own, so nothing was written; remove it and run it again")
 
 
-def _resolved(path: Path) -> Path:
+def leads_out(project: Path, path: Path) -> bool:
+    """Whether a path, once links are followed, is not in the folder of the project, or leads nowhere."""
     try:
-        return path.resolve()
+        return not path.resolve().is_relative_to(project.resolve())
     except (OSError, RuntimeError):  # a link that leads to itself
-        return Path(path.anchor)
+        return True

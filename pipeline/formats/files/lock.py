@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pipeline.errors import StageError
 from pipeline.formats.files.atomic import cannot_write
+from pipeline.formats.files.links import leads_out
 
 _PATIENCE_S, _LOOK_S = 5.0, 0.1  # a stage left behind by its run notices that within half a second
 _WIDTH = 10  # of the number of a process, so that one covers another
@@ -32,7 +33,7 @@ def held(path: Path, what: str, root: Path) -> Iterator[None]:
     """
     from filelock import FileLock, Timeout
 
-    if _leaves(root, path):
+    if leads_out(root, path):
         raise StageError(f"{path}: a link leads from here out of the project; remove the link and run it again")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -43,13 +44,6 @@ def held(path: Path, what: str, root: Path) -> Iterator[None]:
         raise cannot_write(path, error) from None
     with lock:
         yield
-
-
-def _leaves(root: Path, path: Path) -> bool:
-    try:
-        return not path.resolve().is_relative_to(root.resolve())
-    except RuntimeError:  # a link that leads to itself
-        return True
 
 
 def _sign(descriptor: int) -> None:
