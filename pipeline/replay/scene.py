@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
-from pipeline.errors import SceneError, one_of
+from pipeline.errors import SceneError, few_of, one_of
 from pipeline.replay.mechanism.causes import RADIANS_AS_DEGREES, ranges_in_radians
 from pipeline.replay.mechanism.chain import Carried, Chain
 from pipeline.replay.mechanism.couplings import Coupling, joint_couplings, led_by
@@ -288,11 +288,11 @@ def _elsewhere(rig: Rig, start: Keyframe | None, goal: Keyframe | None) -> list[
 
 
 def _tiny_ranges(model: Any) -> list[str]:
+    names = ranges_in_radians(scalar_limits(model)[1])
+    degrees_of_a_turn = f"{degrees(RADIANS_AS_DEGREES):.2g} degrees"
     return [
-        f"joint {name!r} has a range of less than {degrees(RADIANS_AS_DEGREES):.2g} degrees, as if radians had been taken "
-        "for degrees"
-        for name in ranges_in_radians(scalar_limits(model)[1])
-    ]
+        f"the range of {few_of(names)} is less than {degrees_of_a_turn}, as if radians had been taken for degrees"
+    ] * bool(names)
 
 
 def _names(model: Any, object_type: Any, count: int) -> Iterable[str]:

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.choice.logspace import log_sum_exp
+from pipeline.errors import StageError
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import write_table
 from pipeline.params import Sample, ShiftedSampler
@@ -26,6 +27,8 @@ from pipeline.workspace.compute.executor import workers
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
+
+FEWEST = 2  # samplers that can be compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,24 @@ class Shifted:
     seed: int
 
 
+Rows = tuple[pl.DataFrame, pl.DataFrame]  # of shifted_alternatives.parquet and of shifted_sampling.parquet
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What became of the samplers of one anchor.
+
+    Attributes:
+        sets: by sampler, its sets.
+        absent: by sampler, why it has none.
+        notes: what is to be said.
+    """
+
+    sets: dict[str, list[Rows]]
+    absent: dict[str, str]
+    notes: list[str]
+
+
 def run(project: Project, name: str) -> None:
     """Write shifted_alternatives.parquet and shifted_sampling.parquet of the task `name`."""
     task, specs = project.params.task(name), project.params.robustness.samplers
@@ -64,42 +85,53 @@ def run(project: Project, name: str) -> None:
             )
             for ends in anchors
         ]  # fmt: skip
-        rows, shares, notes = [], [], []
-        for more_rows, more_shares, said in pool.mapped(draw_shifted, jobs, f"shift {name}"):
-            rows += more_rows
-            shares += more_shares
-            notes += said
-        record.notes += shortened(notes)
+        drawn = list(pool.mapped(draw_shifted, jobs, f"shift {name}"))
+        absent = {label: why for one in drawn for label, why in one.absent.items()}
+        if len(specs) - len(absent) < FEWEST:
+            raise StageError(
+                f"of robustness.samplers, {len(specs) - len(absent)} can draw for every anchor and {FEWEST} are needed to "
+                f"compare: {next(iter(absent.values()))}"
+            )
+        record.notes += [f"the study goes without the sampler {label!r}: {why}" for label, why in absent.items()]
+        record.notes += shortened([note for one in drawn for note in one.notes])
+        kept = [sets for one in drawn for label, sets in one.sets.items() if label not in absent]
+        rows = [rows for sets in kept for rows, _ in sets]
+        shares = pl.concat([shares for sets in kept for _, shares in sets])
         stated = provenance(
             project, parameters("shift", name), [*scene_files(scene.path), source], model=model_hash(scene)
         )
         table = pl.concat(rows)
         write_table(project.table(name, "shifted_alternatives"), "shifted_alternatives", table, stated)
-        write_table(project.table(name, "shifted_sampling"), "shifted_sampling", pl.concat(shares), stated)
-        record.produced = f"{len(rows)} sets from {len(specs)} samplers, {table.height:,} trajectories"
+        write_table(project.table(name, "shifted_sampling"), "shifted_sampling", shares, stated)
+        record.produced = f"{len(rows)} sets from {len(specs) - len(absent)} samplers, {table.height:,} trajectories"
 
 
-def draw_shifted(job: Shifted) -> tuple[list[pl.DataFrame], list[pl.DataFrame], list[str]]:
-    """Rows of shifted_alternatives.parquet and of shifted_sampling.parquet of one anchor, and what is to be said."""
+def draw_shifted(job: Shifted) -> Drawn:
+    """All sets of one anchor."""
     room, ends = job.ends.room(), job.ends
-    samplers, said = _samplers(job, room)
-    rows, shares = [], []
-    for set_id, sampler in samplers.items():
-        for size in job.settings.sizes:
-            draw = room.draw(sampler, child_rng(job.seed, "shift", ends.key, size, set_id), size, job.waypoints)
-            log_proposal = _log_proposal(sampler, draw, room.anchor)
-            rows.append(alternative_rows(draw, ends.label, size, set_id).with_columns(log_proposal=log_proposal))
-            shares.append(sampling_rows(draw.tallies, ends.label, size, set_id))
-    prefix = "" if ends.label == TASK_ANCHOR else f"{ends.label}: "
-    return rows, shares, [f"{prefix}{note}" for note in said]
+    samplers, found = _samplers(job, room)
+    for label, sampler in samplers.items():
+        try:
+            found.sets[label] = [_set(job, room, label, sampler, size) for size in job.settings.sizes]
+        except StageError as error:
+            found.absent[label] = f"anchor {ends.label!r}: {error}"
+    return found
 
 
-def _samplers(job: Shifted, room: Room) -> tuple[dict[str, Sampler], list[str]]:
-    """Each by its name, and what is to be said. All deform with the same modes, so that their densities are of the same
-    amplitudes; a mixture picks a sampler before anything is discarded, so that its density is known.
+def _set(job: Shifted, room: Room, label: str, sampler: Sampler, size: int) -> Rows:
+    draw = room.draw(sampler, child_rng(job.seed, "shift", job.ends.key, size, label), size, job.waypoints)
+    rows = alternative_rows(draw, job.ends.label, size, label)
+    rows = rows.with_columns(log_proposal=_log_proposal(sampler, draw, room.anchor))
+    return rows, sampling_rows(draw.tallies, job.ends.label, size, label)
+
+
+def _samplers(job: Shifted, room: Room) -> tuple[dict[str, Sampler], Drawn]:
+    """Each by its name. All deform with the same modes, so that their densities are of the same amplitudes; a mixture
+    picks a sampler before anything is discarded, so that its density is known.
     """
     planning = Planning.of(room, json.loads(job.preferences), job.waypoints)
-    simple, said = dict[str, Sampler](), list[str]()
+    simple, found = dict[str, Sampler](), Drawn({}, {}, [])
+    prefix = "" if job.ends.label == TASK_ANCHOR else f"{job.ends.label}: "
     for label, spec in job.specs:
         if spec.width_rad is not None:
             simple[label] = Deformation(spec.width_rad, job.settings.deformation.modes, name=label)
@@ -107,15 +139,21 @@ def _samplers(job: Shifted, room: Room) -> tuple[dict[str, Sampler], list[str]]:
             simple[label] = ViaPoint(spec.reach_rad, name=label)
         elif spec.paths is not None:
             labels = ("shift-planner", job.ends.key, label)
-            planner, notes = planned_sampler(planning, job.settings, spec.paths, job.seed, *labels)
+            try:
+                planner, notes = planned_sampler(planning, job.settings, spec.paths, job.seed, *labels)
+            except StageError as error:
+                found.absent[label] = f"anchor {job.ends.label!r}: {error}"
+                continue
             simple[label] = replace(planner, name=label)
-            said += [note for note in notes if note not in said]
-    mixtures: dict[str, Sampler] = {
-        label: Mixture(tuple(simple[part] for part in spec.of), (1.0,) * len(spec.of), name=label)
-        for label, spec in job.specs
-        if spec.of is not None
-    }
-    return simple | mixtures, said
+            found.notes.extend(f"{prefix}{note}" for note in notes if f"{prefix}{note}" not in found.notes)
+    mixtures = dict[str, Sampler]()
+    for label, spec in job.specs:
+        lost = [found.absent[part] for part in spec.of or () if part not in simple]
+        if lost:
+            found.absent[label] = lost[0]
+        elif spec.of is not None:
+            mixtures[label] = Mixture(tuple(simple[part] for part in spec.of), (1.0,) * len(spec.of), name=label)
+    return simple | mixtures, found
 
 
 def _log_proposal(sampler: Sampler, draw: Draw, anchor: Anchor) -> pl.Series:

@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import read_table
-from pipeline.stages import ingest, sample
+from pipeline.stages import ingest, sample, shift
 from pipeline.workspace.project import Project, recorded_runs
 
 Make = Callable[[dict[str, Any]], Project]
@@ -66,3 +66,24 @@ def test_collisions_are_counted(make_project: Make, parameters: dict[str, Any]) 
     ).all()
     (produced,) = [run["produced"] for run in recorded_runs(project) if run["stage"] == "sample"]
     assert "in collision)" in str(produced)
+
+
+def test_the_study_goes_without_a_sampler_that_cannot_be_had(make_project: Make, parameters: dict[str, Any]) -> None:
+    samplers = parameters["robustness"]["samplers"]
+    samplers["via"]["reach_rad"] = 60.0
+    samplers["with_via"] = {"kind": "mixture", "of": ["near", "via"]}  # half of it can be had
+    project = make_project(parameters)
+    ingest.run(project, "sweep")
+    shift.run(project, "sweep")
+    table = read_table(project.table("sweep", "shifted_sampling"), "shifted_sampling")
+    assert set(table["set_id"]) == {"near", "far", "both", "planned", "with_via"}
+    (notes,) = [run["notes"] for run in recorded_runs(project) if run["stage"] == "shift"]
+    (note,) = notes  # type: ignore[misc]
+    assert note.startswith("the study goes without the sampler 'via': anchor 'task': sampler 'via' had ")
+    for name in ("near", "far", "planned"):
+        del samplers[name]
+    parameters["robustness"]["samplers"] = {"via": samplers["via"], "narrow": {"kind": "deformation", "width_rad": 0.1}}
+    with pytest.raises(
+        StageError, match=r"of robustness\.samplers, 1 can draw for every anchor and 2 are needed .* 'via' had"
+    ):
+        shift.run(make_project(parameters), "sweep")
