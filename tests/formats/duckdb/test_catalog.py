@@ -160,7 +160,7 @@ def whole(tmp_path: Path) -> Path:
             people["demonstration_id"], people["participant"], source=people["demonstration_id"] + ".mcap"
         ),
         "rejected": pl.DataFrame({"source": ["cut.mcap"], "reason": "truncated", "detail": "It ends too soon."}),
-        "scales": pl.DataFrame({"feature": ["z", "a"], "unit": "", "method": "range", "scale": 1.0}),
+        "scales": pl.DataFrame({"feature": ["z", "a"], "unit": "", "method": "range", "scale": 1.0, "varies": True}),
     }  # fmt: skip
     sources = []
     for name, table in tables.items():
