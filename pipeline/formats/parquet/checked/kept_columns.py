@@ -19,7 +19,7 @@ class KeptColumns:
     def __init__(self) -> None:
         self._columns = OrderedDict[Key, "pl.Series"]()
         self._bytes = 0.0
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a table may be let go of, and forgotten, while this thread holds it
 
     def get(self, key: Key) -> pl.Series | None:
         """The column, if it is kept."""
@@ -42,7 +42,7 @@ class KeptColumns:
     def forget(self, owner: object) -> None:
         """Forget all columns of a table."""
         with self._lock:
-            for key in [key for key in self._columns if key[0] is owner]:
+            for key in [key for key in list(self._columns) if key[0] is owner]:
                 self._bytes -= self._columns.pop(key).estimated_size()
 
 
