@@ -267,8 +267,8 @@ def test_trajectories_of_another_arm_or_length_are_named(project: Project) -> No
     whole = path.read_bytes()
     table = pq.read_table(path)
     for shape, letter in (((15, 2), "J = 2"), ((9, 3), "T = 9")):
-        type_ = pa.list_(pa.list_(pa.float32(), shape[1]), shape[0])
-        arrays = pa.array(np.zeros((table.num_rows, *shape), np.float32).tolist(), type_)
+        type_ = pa.list_(pa.list_(pa.float64(), shape[1]), shape[0])
+        arrays = pa.array(np.zeros((table.num_rows, *shape)).tolist(), type_)
         pq.write_table(table.set_column(table.schema.get_field_index("waypoints"), "waypoints", arrays), path)
         with _kept(path, whole), pytest.raises(TableError, match=f"{path}: has arrays of {letter} where"):
             featurize.run(project, "sweep")

@@ -17,10 +17,11 @@ from mcap.writer import CompressionType
 
 from pipeline.commands.check import report
 from pipeline.errors import StageError
-from pipeline.formats.parquet.tables import read_provenance, read_table
+from pipeline.formats.parquet.tables import read_table
 from pipeline.stages import ingest
 from pipeline.workspace.project import Project
 from tests.support.recorded_motions import BEGIN_NS, NAMES, STEP_NS, Recorded, reach, save, save_messages, timed
+from tests.support.tables import provenance_of
 
 Make = Callable[[dict[str, Any]], Project]
 Prepare = Callable[..., Project]
@@ -306,7 +307,7 @@ def test_a_split_bag_is_one_demonstration(project: Prepare, index: bool) -> None
     assert row["waypoints"] == expected
     assert "put together from its 3 parts" in row["remarks"]
     assert rejected(made) == {}
-    inputs = read_provenance(made.table("sweep", "demonstrations"))["inputs"]
+    inputs = provenance_of(made.table("sweep", "demonstrations"))["inputs"]
     for number in range(3):
         content = (made.root / "mine" / f"tea_{number}.mcap").read_bytes()
         assert inputs[f"mine/tea_{number}.mcap"] == hashlib.sha256(content).hexdigest()
