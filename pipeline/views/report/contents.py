@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -155,9 +155,7 @@ def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
 def _of_recordings(answers: _Answers) -> list[str]:
     """What was not used, and what was used although it is odd."""
     said = []
-    for (task,), recordings in answers("recordings", "from recordings order by task, source").group_by(
-        "task", maintain_order=True
-    ):
+    for task, recordings in _by_task(answers("recordings", "from recordings order by task, source")):
         aside = recordings.filter(pl.col("reason").is_in(sorted(SET_ASIDE)))
         rejected = recordings.filter(~pl.col("used")).height - aside.height
         if rejected:
@@ -168,9 +166,7 @@ def _of_recordings(answers: _Answers) -> list[str]:
                 f"Task {task}: {aside.height} of the files beside its recordings were set aside, such as "
                 f"{aside['source'][0]} ({aside['reason'][0]}); they are listed there."
             )
-    for (task,), people in answers("demonstrations", "from demonstrations order by task, source").group_by(
-        "task", maintain_order=True
-    ):
+    for task, people in _by_task(answers("demonstrations", "from demonstrations order by task, source")):
         remarked = people.filter(pl.col("remarks").is_not_null())
         if remarked.height:
             said.append(
@@ -182,6 +178,13 @@ def _of_recordings(answers: _Answers) -> list[str]:
             clocks = ", ".join(f"{clock} of {count}" for clock, count in counted)
             said.append(f"Task {task}: times are of different clocks ({clocks}); ingest.clock names one.")
     return said
+
+
+def _by_task(answer: pl.DataFrame) -> Iterator[tuple[object, pl.DataFrame]]:
+    """The rows of each task; none if the catalog has no such table."""
+    if answer.height:
+        for (task,), rows in answer.group_by("task", maintain_order=True):
+            yield task, rows
 
 
 def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
