@@ -9,7 +9,10 @@ from pipeline.formats.mcap.rejection_reasons import rejection
 from pipeline.params import Ingest
 from pipeline.replay.ends import Distance, distances
 from pipeline.replay.mechanism.limits import TOLERANCE_RAD, Verdict, judge_positions
+from pipeline.replay.replay import replay
+from pipeline.replay.room import YIELD_M
 from pipeline.replay.scene import Scene
+from pipeline.replay.surface import Surface
 from pipeline.trajectories import motion
 from pipeline.trajectories.timebase import Moving
 
@@ -161,6 +164,14 @@ def ends_apart(
         if apart.turned_rad > TOLERANCE_RAD or max(apart.slid_m, apart.end_effector_m) > NEAR_M:
             remarks.append(f"{said}{', which is far' if far else ''}")
     return start, goal
+
+
+def remark_on_surface(scene: Scene, path: FloatArray, surface: Surface, remarks: list[str]) -> None:
+    """Say that waypoints (T, J) go further under the surface than alternatives may begin there."""
+    (moved,) = replay(scene, path[None])
+    depth = float(np.max(surface.depth(moved)))
+    if depth > YIELD_M:
+        remarks.append(f"goes {100 * depth:.2g} cm under the task's surface, which alternatives do not")
 
 
 def is_far(apart: Distance, settings: Ingest) -> bool:

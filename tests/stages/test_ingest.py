@@ -229,6 +229,14 @@ def test_several_motions_in_one_recording_are_refused_with_their_times(project: 
     assert "rests for 4" in kept["remarks"][0]
 
 
+def test_a_motion_through_the_surface_is_said(project: Prepare) -> None:
+    made = project({"a": reach(), "b": reach().but(positions=reach().positions).later(10**9)})
+    scene = made.root / "gantry.xml"
+    scene.write_text(scene.read_text().replace('pos="0 0 -0.5"', 'pos="0 0 0.03"'))
+    remarks = demonstrations(made)["remarks"].to_list()
+    assert all("cm under the task's surface, which alternatives do not" in remark for remark in remarks)
+
+
 # clocks
 
 

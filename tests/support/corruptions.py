@@ -531,7 +531,9 @@ def intake() -> Intake:
         path = Path(folder) / "gantry.xml"
         path.write_text(GANTRY)
         scene = load_scene(path, end_effector="tip")
-    return Intake("sweep", scene, Ingest(waypoints=15, idle_rad=0.01, on_rejected="stop"), True, frozenset({"pour"}))
+    return Intake(
+        "sweep", scene, Ingest(waypoints=15, idle_rad=0.01, on_rejected="stop"), True, elsewhere=frozenset({"pour"})
+    )
 
 
 def draw(number: int) -> Outcome:
