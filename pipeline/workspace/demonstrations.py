@@ -152,7 +152,7 @@ def demonstration_row(name: str, recording: JointRecording, intake: Intake) -> d
         "start_apart_m": ends[0].end_effector_m if ends else None,
         "goal_apart": ends[1].size if ends else None,
         "goal_apart_m": ends[1].end_effector_m if ends else None,
-        "remarks": plain("; ".join(remarks), LONGEST_REMARKS) or None,
+        "remarks": plain("; ".join(remark.replace("; ", ", ") for remark in remarks), LONGEST_REMARKS) or None,
         "waypoints": path,
     }
 
