@@ -147,10 +147,10 @@ def test_a_motion_between_other_ends_is_refused_and_kept_on_request(project: Pre
 
 def test_ends_a_little_apart_are_said(project: Prepare) -> None:
     recorded = reach()
-    row = demonstrations(project({"a": recorded.but(positions=recorded.positions + np.array([0, 0.1, 0]))})).row(
+    row = demonstrations(project({"a": recorded.but(positions=recorded.positions + np.array([0, 0.15, 0]))})).row(
         0, named=True
     )
-    assert row["start_apart"] == pytest.approx(0.1, abs=0.011)
+    assert row["start_apart"] == pytest.approx(0.15, abs=0.011)
     assert "starts 0.1" in row["remarks"]
 
 

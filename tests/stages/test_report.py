@@ -25,7 +25,7 @@ def reported(make_project: Make, parameters: dict[str, Any]) -> Project:
     parameters["sample"] |= {"sampler": "deformation", "sizes": [5]}
     parameters["ingest"]["on_rejected"] = "continue"
     project = make_project(parameters)
-    record(project.root / "mine" / "demo-1.mcap", bow=0.1, start=(-0.3, -0.52, 0.1))
+    record(project.root / "mine" / "demo-1.mcap", bow=0.1, start=(-0.3, -0.4, 0.1))
     (project.root / "mine" / "notes.txt").write_text("Person 2 was tired.")
     whole = (project.root / "mine" / "demo-0.mcap").read_bytes()
     (project.root / "mine" / "cut & <b>off.mcap").write_bytes(whole[: len(whole) // 2])
@@ -48,8 +48,8 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
     assert (
         "Task sweep: 1 of the files beside its recordings were set aside, such as notes.txt (not-a-recording)" in page
     )
-    assert "Task sweep: 1 of 3 recordings are used with remarks, such as demo-1.mcap: starts 0.0" in page
-    assert page.count("starts 0.0") == 2
+    assert "Task sweep: 1 of 3 recordings are used with remarks, such as demo-1.mcap: starts 0.2" in page
+    assert page.count("starts 0.2") == 2
     assert "<b>" not in page
     for word in ("person-2", "demo-1.mcap", "effort", "held-out (nat)", "gantry.xml", "mujoco", "theta_values"):
         assert word in page, word
