@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import polars as pl
 
+from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.studies.robustness.samplings import COMPARED
@@ -57,7 +58,8 @@ def run(project: Project, name: str) -> None:
             summary = results["robustness_summary"].read()
         else:
             record.notes.append(f"no robustness study yet, so none of its figures: lessbench study robustness {name}")
-        recordings = view.demonstrations.height, results["rejected"].read().height
+        rejected = results["rejected"].read(where=~pl.col("reason").is_in(sorted(SET_ASIDE))).height
+        recordings = view.demonstrations.height, rejected
         beliefs = {model: steps[-1] for model, steps in view.beliefs.items()}
         numbers = task_headline(beliefs, view.labels, held_out, summary, recordings)
         write_figures(project, name, figures, numbers)

@@ -118,7 +118,7 @@ class Found:
             return
         for other in self.rows:
             if np.abs(row["waypoints"] - other["waypoints"]).max() <= SAME:
-                _remark(row, f"moves as {other['source']} does, at other times; remove one if it is a copy")
+                _remark(row, f"moves as {other['source']} does, at other times (remove one if it is a copy)")
         self.rows.append(row)
 
     def rejections(self) -> pl.DataFrame:
@@ -164,10 +164,15 @@ class Found:
         said = [f"{row['source']}: {row['remarks']}" for row in self.rows if row["remarks"] is not None]
         more = len(aside) + len(said) - MOST_NOTES
         listed = [*aside, *said][:MOST_NOTES]
-        return [*mixed, *listed, *([f"and {more} more remarks, in {', '.join(NOTED)}"] if more > 0 else [])]
-
-
-NOTED = ("rejected.parquet", "the column remarks of demonstrations.parquet")
+        return [
+            *mixed,
+            *listed,
+            *(
+                [f"and {more} more remarks, in the column remarks of demonstrations.parquet and in rejected.parquet"]
+                if more > 0
+                else []
+            ),
+        ]
 
 
 def _counted(rows: list[dict[str, Any]], clock: str) -> str:

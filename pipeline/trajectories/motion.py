@@ -120,6 +120,13 @@ def irregularity(time_s: FloatArray) -> float:
     return float((high - low) / np.median(intervals))
 
 
+def changing_pace(time_s: FloatArray) -> float:
+    """The longest median interval of a tenth of the samples, as a multiple of the shortest."""
+    intervals = np.diff(time_s)
+    medians = [float(np.median(tenth)) for tenth in np.array_split(intervals, min(10, max(1, len(intervals) // 5)))]
+    return max(medians) / min(medians)
+
+
 def longest_rest(time_s: FloatArray, q: FloatArray, threshold_rad: float) -> Event:
     """The longest time during which no joint goes further than the threshold from where it is at its beginning."""
     times, poses = _on_grid(time_s, q)

@@ -13,12 +13,13 @@ from pipeline.formats.mcap.rejection_reasons import rejection
 from pipeline.formats.mcap.writer import METADATA
 from pipeline.params import Ingest
 from pipeline.replay.scene import Scene
+from pipeline.replay.surface import Surface
 from pipeline.terminal import plain
 from pipeline.trajectories.motion import longest_gap, rate_hz
 from pipeline.trajectories.timebase import moving_part
 from pipeline.vocabulary import RESERVED_IDS, TASK_ANCHOR
 from pipeline.workspace.people import identity
-from pipeline.workspace.plausibility import ends_apart, require_plausible, within_limits
+from pipeline.workspace.plausibility import ends_apart, remark_on_surface, require_plausible, within_limits
 from pipeline.workspace.project import Project
 from pipeline.workspace.scenes import load_task_scene
 
@@ -37,6 +38,7 @@ class Intake:
         scene: of the task.
         settings: of ingest.
         shared_ends: whether all demonstrations are compared with alternatives from the scene's start to its goal.
+        surface: of the task, if it has one.
         elsewhere: of the project's other tasks, those with a folder of recordings of their own.
     """
 
@@ -44,6 +46,7 @@ class Intake:
     scene: Scene
     settings: Ingest
     shared_ends: bool
+    surface: Surface | None = None
     elsewhere: frozenset[str] = frozenset()
 
     @classmethod
@@ -51,11 +54,13 @@ class Intake:
         """That of a task.
 
         Raises:
-            SceneError: see `load_task_scene`.
+            SceneError: see `load_task_scene` and `Surface`.
         """
         task = project.params.task(name)
         others = frozenset(key for key, other in project.params.tasks.items() if other.recordings != task.recordings)
-        return cls(name, load_task_scene(project, task), project.params.ingest, task.anchor == TASK_ANCHOR, others)
+        scene = load_task_scene(project, task)
+        surface = None if task.surface is None else Surface(scene, task.surface)
+        return cls(name, scene, project.params.ingest, task.anchor == TASK_ANCHOR, surface, others)
 
     def salvaging(self) -> Intake:
         """The same, with what stands before the cut of a recording that is cut off."""
@@ -124,6 +129,8 @@ def demonstration_row(name: str, recording: JointRecording, intake: Intake) -> d
     reference = positions[0] if scene.start is None else scene.start
     path = part.waypoints(reference, scene.continuous, settings.waypoints)
     ends = ends_apart(scene, path, settings, remarks) if intake.shared_ends else None
+    if intake.surface is not None:
+        remark_on_surface(scene, path, intake.surface, remarks)
     return {
         "demonstration_id": name,
         "participant": participant,
@@ -145,7 +152,7 @@ def demonstration_row(name: str, recording: JointRecording, intake: Intake) -> d
         "start_apart_m": ends[0].end_effector_m if ends else None,
         "goal_apart": ends[1].size if ends else None,
         "goal_apart_m": ends[1].end_effector_m if ends else None,
-        "remarks": plain("; ".join(remarks), LONGEST_REMARKS) or None,
+        "remarks": plain("; ".join(remark.replace("; ", ", ") for remark in remarks), LONGEST_REMARKS) or None,
         "waypoints": path,
     }
 

@@ -8,15 +8,20 @@ from pipeline.arrays import FloatArray
 from pipeline.formats.mcap.rejection_reasons import rejection
 from pipeline.params import Ingest
 from pipeline.replay.ends import Distance, distances
-from pipeline.replay.mechanism.limits import TOLERANCE_RAD, Verdict, judge_positions
+from pipeline.replay.mechanism.limits import Verdict, judge_positions
+from pipeline.replay.replay import replay
+from pipeline.replay.room import YIELD_M
 from pipeline.replay.scene import Scene
+from pipeline.replay.surface import Surface
 from pipeline.trajectories import motion
 from pipeline.trajectories.timebase import Moving
 
-IRREGULAR = 0.3
-"""Median intervals that 9 of 10 intervals span; of a clock that keeps time it is near 0."""
-NEAR_M = 0.02
-"""An end this near is where it should be: what is left of the idle ends, 0.01 rad, moves an arm of a metre by 1 cm."""
+IRREGULAR = 0.6
+"""Median intervals that 9 of 10 intervals span; of a driver whose messages come 12 % early or late it is 0.5."""
+PACE = 1.3
+"""Times as long as before are intervals if a clock changes its pace."""
+NEAR_RAD, NEAR_M = 0.1, 0.05
+"""An end this near is where it should be: nobody leads an arm to a keyframe more exactly."""
 _CUT = (
     "cut the recording with `mcap filter RECORDING -o PART.mcap --include-metadata --start TIME --end TIME` (log times), one "
     "file for each demonstration"
@@ -87,6 +92,10 @@ def require_plausible(scene: Scene, part: Moving, settings: Ingest, remarks: lis
     if motion.irregularity(time_s) > IRREGULAR:
         low, high = np.percentile(np.diff(time_s), [5, 95])
         remarks.append(f"samples come irregularly, {low:.3g} to {high:.3g} s apart")
+    if motion.changing_pace(time_s) > PACE:
+        remarks.append(
+            f"its clock runs up to {motion.changing_pace(time_s):.2g} times as fast at one time as at another"
+        )
     require_one(part, settings, remarks)
     return fastest
 
@@ -158,9 +167,17 @@ def ends_apart(
                 f"one of another task. Move the keyframe in {scene.path.name}, or set the task's anchor to demonstration, or "
                 "ingest.far_ends to keep.",
             )
-        if apart.turned_rad > TOLERANCE_RAD or max(apart.slid_m, apart.end_effector_m) > NEAR_M:
+        if apart.turned_rad > NEAR_RAD or max(apart.slid_m, apart.end_effector_m) > NEAR_M:
             remarks.append(f"{said}{', which is far' if far else ''}")
     return start, goal
+
+
+def remark_on_surface(scene: Scene, path: FloatArray, surface: Surface, remarks: list[str]) -> None:
+    """Say that waypoints (T, J) go further under the surface than alternatives may begin there."""
+    (moved,) = replay(scene, path[None])
+    depth = float(np.max(surface.depth(moved)))
+    if depth > YIELD_M:
+        remarks.append(f"goes {100 * depth:.2g} cm under the task's surface, which alternatives do not")
 
 
 def is_far(apart: Distance, settings: Ingest) -> bool:

@@ -33,11 +33,12 @@ from tests.support.joint_bags import (
 SEED = 20_261_123
 NAMES = ("bend", "gripper", "rail", "swing")  # as the arm in tests/support/gantry_project.py has them, and one more
 START_NS = 1_700_000_000_000_000_000
+STEP_NS = 50_000_000  # so that a few dozen poses are no faster than an arm
 HEAVY_EVERY = 100  # every hundredth case asks for gigabytes or hours
 HEADER, FOOTER, MESSAGE, CHUNK, STATISTICS, METADATA, DATA_END = 1, 2, 5, 6, 11, 12, 15
 
-# how a recording that is cut off may end; all but the first with salvage, the last four where too little is left
-CUT = {"truncated", "salvaged", "no-joint-states", "joints-missing", "too-few-messages", "does-not-move"}
+# how a recording that is cut off may end; all but the first with salvage, the last five where too little is left
+CUT = {"truncated", "salvaged", "no-joint-states", "joints-missing", "too-few-messages", "does-not-move", "far-ends"}
 Rng = np.random.Generator
 
 
@@ -73,14 +74,14 @@ def _poses(rng: Rng, count: int) -> np.ndarray:
 
 
 def _payloads(rng: Rng, count: int) -> list[bytes]:
-    times = START_NS + 10_000_000 * np.arange(count)
+    times = START_NS + STEP_NS * np.arange(count)
     none = np.empty((count, 0))
     rows = encode_joint_states(times, NAMES, (_poses(rng, count), none, none))
     return [row.tobytes() for row in rows]
 
 
 def _messages(payloads: list[bytes], channel_id: int = 1) -> list[bytes]:
-    return [message_record(data, START_NS + 10_000_000 * i, channel_id) for i, data in enumerate(payloads)]
+    return [message_record(data, START_NS + STEP_NS * i, channel_id) for i, data in enumerate(payloads)]
 
 
 def _sound(rng: Rng, *, crcs: bool = True, chunked: bool | None = None) -> bytes:
@@ -102,7 +103,7 @@ def _sound(rng: Rng, *, crcs: bool = True, chunked: bool | None = None) -> bytes
         writer.add_metadata("demonstration", {"participant": "somebody"})
     channel = writer.register_channel("/arm", "cdr", writer.register_schema(JOINT_STATE, "ros2msg", SCHEMA))
     for i, data in enumerate(payloads):
-        writer.add_message(channel, START_NS + i * 10_000_000, data, START_NS + i * 10_000_000, i)
+        writer.add_message(channel, START_NS + i * STEP_NS, data, START_NS + i * STEP_NS, i)
     writer.finish()
     return stream.getvalue()
 
@@ -378,7 +379,10 @@ def numbers_that_are_none(rng: Rng) -> bytes:
     poses[rng.integers(40), rng.integers(4)] = odd[int(rng.integers(len(odd)))]
     return _file(
         rng, schema_record(), channel_record(),
-        *[message_record(payload(NAMES, row, START_NS + i), START_NS + i) for i, row in enumerate(poses)],
+        *[
+            message_record(payload(NAMES, row, START_NS + STEP_NS * i), START_NS + STEP_NS * i)
+            for i, row in enumerate(poses)
+        ],
     )  # fmt: skip
 
 
@@ -397,10 +401,10 @@ def times_that_are_none(rng: Rng) -> bytes:
     logs = [0, 1, START_NS, (1 << 63) - 1, 1 << 63, (1 << 64) - 1]
     messages = []
     for i, row in enumerate(_poses(rng, 30)):
-        data = bytearray(payload(NAMES, row, START_NS + i))
+        data = bytearray(payload(NAMES, row, START_NS + STEP_NS * i))
         if rng.integers(8) == 0:
             struct.pack_into("<iI", data, 4, *stamps[int(rng.integers(len(stamps)))])
-        log = logs[int(rng.integers(len(logs)))] if rng.integers(8) == 0 else START_NS + i
+        log = logs[int(rng.integers(len(logs)))] if rng.integers(8) == 0 else START_NS + STEP_NS * i
         messages.append(message_record(bytes(data), log))
     return _file(rng, schema_record(), channel_record(), *messages)
 

@@ -146,30 +146,35 @@ def _take_outcomes(results: dict[str, Result], table: Any, source: str) -> None:
 
 
 class _observed:
-    """Within it, `ingest.demonstration` is measured, and what it should not raise becomes a fault of the case."""
+    """Within it, reading and judging of a case are measured, and what they should not raise becomes a fault of the case."""
 
     def __init__(self, module: Any, results: dict[str, Result]) -> None:
-        self.module, self.results, self.real = module, results, module.demonstration
+        self.module, self.results = module, results
+        self.real = {name: getattr(module, name) for name in ("read_bag", "demonstration_row")}
 
     def __enter__(self) -> None:
-        from pipeline.errors import RecordingError
-
-        def demonstration(file: Path, *arguments: Any) -> Any:
-            result = self.results.get(file.name)
-            if result is None:
-                return self.real(file, *arguments)
-            try:
-                return _measured(result, lambda: self.real(file, *arguments))
-            except RecordingError:
-                raise
-            except Exception:
-                result.faults.append(_last_lines())
-                raise RecordingError("traceback", "It ended in a traceback.") from None
-
-        self.module.demonstration = demonstration
+        self.module.read_bag = lambda bag, intake: self._observe("read_bag", bag.files[0].name, bag, intake)
+        self.module.demonstration_row = lambda name, recording, intake: self._observe(
+            "demonstration_row", recording.path.name, name, recording, intake
+        )
 
     def __exit__(self, *_: object) -> None:
-        self.module.demonstration = self.real
+        for name, function in self.real.items():
+            setattr(self.module, name, function)
+
+    def _observe(self, function: str, file: str, *arguments: Any) -> Any:
+        from pipeline.errors import RecordingError
+
+        result = self.results.get(file)
+        if result is None:
+            return self.real[function](*arguments)
+        try:
+            return _measured(result, lambda: self.real[function](*arguments))
+        except RecordingError:
+            raise
+        except Exception:
+            result.faults.append(_last_lines())
+            raise RecordingError("traceback", "It ended in a traceback.") from None
 
 
 def _check(path: Path, result: Result) -> None:
@@ -189,7 +194,8 @@ def _check(path: Path, result: Result) -> None:
 # what only ingest can see: it knows the task's joints, and looks at the motion and the metadata
 _ONLY_FOR_A_TASK = {
     "does-not-move", "joints-missing", "reserved-name", "bad-metadata", "ambiguous-topic", "no-joint-states", "usable",
-    "too-few-messages", "time-not-increasing", "not-finite", "out-of-range",
+    "too-few-messages", "time-not-increasing", "not-finite", "out-of-range", "beyond-limits", "far-ends", "gap", "jump",
+    "too-fast", "several-motions", "another-task", "copy",
 }  # fmt: skip
 
 

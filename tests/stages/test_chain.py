@@ -196,7 +196,9 @@ def test_other_scales(make_project: Make, parameters: dict[str, Any], scale: obj
 def test_given_alternatives_are_drawn_without_repeating_one(make_project: Make, parameters: dict[str, Any]) -> None:
     parameters["sample"] |= {"sampler": "given", "given": "mine.parquet"}
     project = make_project(parameters)
-    pool = np.random.default_rng(3).uniform(-0.5, 0.5, (40, 15, 3))
+    along, ends = np.linspace(0, 1, 15)[:, None], (np.array([-0.3, -0.6, 0.1]), np.array([0.3, 0.9, -0.2]))
+    bow = np.random.default_rng(3).normal(scale=0.1, size=(40, 1, 3))
+    pool = ends[0] + along * (ends[1] - ends[0]) + bow * np.sin(np.pi * along)
     pool[:, :, 1] += 2 * np.pi  # another turn of the joint without limits
     pl.DataFrame({"waypoints": pl.Series(pool.reshape(40, 45))}).write_parquet(project.root / "mine.parquet")
     run_chain(project)
@@ -206,7 +208,7 @@ def test_given_alternatives_are_drawn_without_repeating_one(make_project: Make, 
     assert (distances.min(axis=1) < 1e-6).all()
     assert len(set(distances.argmin(axis=1))) == 30
     pl.DataFrame({"waypoints": pl.Series(pool.reshape(40, 45)[:10])}).write_parquet(project.root / "mine.parquet")
-    with pytest.raises(StageError, match=r"a set of 30 is wanted and sample\.given has 10 trajectories"):
+    with pytest.raises(StageError, match=r"a set of 30 is wanted, and 10 of the 10 trajectories of sample\.given"):
         sample.run(project, "sweep")
 
 

@@ -17,10 +17,11 @@ from mcap.writer import CompressionType
 
 from pipeline.commands.check import report
 from pipeline.errors import StageError
-from pipeline.formats.parquet.tables import read_provenance, read_table
+from pipeline.formats.parquet.tables import read_table
 from pipeline.stages import ingest
 from pipeline.workspace.project import Project
 from tests.support.recorded_motions import BEGIN_NS, NAMES, STEP_NS, Recorded, reach, save, save_messages, timed
+from tests.support.tables import provenance_of
 
 Make = Callable[[dict[str, Any]], Project]
 Prepare = Callable[..., Project]
@@ -146,10 +147,10 @@ def test_a_motion_between_other_ends_is_refused_and_kept_on_request(project: Pre
 
 def test_ends_a_little_apart_are_said(project: Prepare) -> None:
     recorded = reach()
-    row = demonstrations(project({"a": recorded.but(positions=recorded.positions + np.array([0, 0.1, 0]))})).row(
+    row = demonstrations(project({"a": recorded.but(positions=recorded.positions + np.array([0, 0.15, 0]))})).row(
         0, named=True
     )
-    assert row["start_apart"] == pytest.approx(0.1, abs=0.011)
+    assert row["start_apart"] == pytest.approx(0.15, abs=0.011)
     assert "starts 0.1" in row["remarks"]
 
 
@@ -226,6 +227,14 @@ def test_several_motions_in_one_recording_are_refused_with_their_times(project: 
     assert_matches(r"several-motions\): The arm rests for 4\.\d s", refusal(project({"a": timed(paused)})))
     kept = demonstrations(project({"a": timed(paused)}, longest_rest_s=6.0))
     assert "rests for 4" in kept["remarks"][0]
+
+
+def test_a_motion_through_the_surface_is_said(project: Prepare) -> None:
+    made = project({"a": reach(), "b": reach().but(positions=reach().positions).later(10**9)})
+    scene = made.root / "gantry.xml"
+    scene.write_text(scene.read_text().replace('pos="0 0 -0.5"', 'pos="0 0 0.03"'))
+    remarks = demonstrations(made)["remarks"].to_list()
+    assert all("cm under the task's surface, which alternatives do not" in remark for remark in remarks)
 
 
 # clocks
@@ -306,7 +315,7 @@ def test_a_split_bag_is_one_demonstration(project: Prepare, index: bool) -> None
     assert row["waypoints"] == expected
     assert "put together from its 3 parts" in row["remarks"]
     assert rejected(made) == {}
-    inputs = read_provenance(made.table("sweep", "demonstrations"))["inputs"]
+    inputs = provenance_of(made.table("sweep", "demonstrations"))["inputs"]
     for number in range(3):
         content = (made.root / "mine" / f"tea_{number}.mcap").read_bytes()
         assert inputs[f"mine/tea_{number}.mcap"] == hashlib.sha256(content).hexdigest()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -15,16 +14,19 @@ from pipeline.errors import WorkbenchError
 from pipeline.stages import catalog, density, featurize, figures, infer, ingest, report, sample
 from pipeline.workspace.project import Project, recorded_runs
 from tests.support.browser import PROGRAM, chromium_page
+from tests.support.gantry_project import record
 
 Make = Callable[[dict[str, Any]], Project]
 
 
 @pytest.fixture
 def reported(make_project: Make, parameters: dict[str, Any]) -> Project:
-    """One task with three good recordings and one that is cut off, and its report."""
+    """One task with three good recordings, a remark on one of them, and one that is cut off; and its report."""
     parameters["sample"] |= {"sampler": "deformation", "sizes": [5]}
     parameters["ingest"]["on_rejected"] = "continue"
     project = make_project(parameters)
+    record(project.root / "mine" / "demo-1.mcap", bow=0.1, start=(-0.3, -0.4, 0.1))
+    (project.root / "mine" / "notes.txt").write_text("Person 2 was tired.")
     whole = (project.root / "mine" / "demo-0.mcap").read_bytes()
     (project.root / "mine" / "cut & <b>off.mcap").write_bytes(whole[: len(whole) // 2])
     for stage in (ingest, sample, featurize, density, infer, figures):
@@ -43,6 +45,11 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
     assert page.count("<figure") == len(list(reported.figures("sweep").glob("*.svg"))) == 4
     assert "Task sweep: 1 of 4 recordings were rejected" in page
     assert "cut &amp; &lt;b&gt;off.mcap" in page
+    assert (
+        "Task sweep: 1 of the files beside its recordings were set aside, such as notes.txt (not-a-recording)" in page
+    )
+    assert "Task sweep: 1 of 3 recordings are used with remarks, such as demo-1.mcap: starts 0.2" in page
+    assert page.count("starts 0.2") == 2
     assert "<b>" not in page
     for word in ("person-2", "demo-1.mcap", "effort", "held-out (nat)", "gantry.xml", "mujoco", "theta_values"):
         assert word in page, word
@@ -52,7 +59,7 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
     assert path.read_bytes() == before
 
     # a recording that changed after the posterior was inferred
-    shutil.copy(reported.root / "mine" / "demo-0.mcap", reported.root / "mine" / "demo-2.mcap")
+    record(reported.root / "mine" / "demo-2.mcap", bow=0.25)
     ingest.run(reported, "sweep")
     catalog.run(reported)
     report.run(reported)

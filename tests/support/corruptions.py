@@ -122,7 +122,7 @@ def _(_rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
 
 @poses("one joint by a wrong gear ratio")
 def _(rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
-    q[:, joint_of(rng)] *= rng.choice([rng.uniform(0.1, 0.6), rng.uniform(1.6, 5)])
+    q[:, joint_of(rng)] *= rng.choice([rng.uniform(0.1, 0.4), rng.uniform(1.6, 5)])
     return q
 
 
@@ -134,7 +134,7 @@ def _(rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
 
 @poses("one joint with an offset")
 def _(rng: np.random.Generator, q: np.ndarray) -> np.ndarray:
-    q[:, joint_of(rng)] += rng.choice([-1, 1]) * rng.uniform(0.06, 3)
+    q[:, joint_of(rng)] += rng.choice([-1, 1]) * rng.uniform(0.12, 3)
     return q
 
 
@@ -331,7 +331,7 @@ def _(rng: np.random.Generator, at: np.ndarray) -> np.ndarray:
 
 @clock("irregular stamps")
 def _(rng: np.random.Generator, at: np.ndarray) -> np.ndarray:
-    return np.asarray(at + rng.integers(0, int(rng.uniform(0.4, 0.95) * STEP_NS), size=len(at)))
+    return np.asarray(at + rng.integers(0, int(rng.uniform(0.55, 0.95) * STEP_NS), size=len(at)))
 
 
 # files
@@ -531,7 +531,9 @@ def intake() -> Intake:
         path = Path(folder) / "gantry.xml"
         path.write_text(GANTRY)
         scene = load_scene(path, end_effector="tip")
-    return Intake("sweep", scene, Ingest(waypoints=15, idle_rad=0.01, on_rejected="stop"), True, frozenset({"pour"}))
+    return Intake(
+        "sweep", scene, Ingest(waypoints=15, idle_rad=0.01, on_rejected="stop"), True, elsewhere=frozenset({"pour"})
+    )
 
 
 def draw(number: int) -> Outcome:

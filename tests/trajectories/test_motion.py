@@ -86,3 +86,24 @@ def test_coming_back_and_leaving_again_is_more_than_one_motion() -> None:
         assert motion.returns(np.arange(len(one)) / 100, one) == []
     halfway = np.concatenate([q, q[: len(q) // 2 : -1], q[len(q) // 2 :]])  # back halfway only
     assert motion.returns(np.arange(len(halfway)) / 100, halfway) == []
+
+
+def test_noise_is_to_and_fro_and_a_motion_is_not() -> None:
+    _, q = reach()
+    noisy = q + np.random.default_rng(5).normal(scale=[0.0, 0.03, 0.0], size=q.shape)
+    sizes = [one.size for one in motion.shaking(noisy)]
+    assert sizes[0] == sizes[2] == 0
+    assert sizes[1] == pytest.approx(0.03 * 1.2, rel=0.3)
+    assert motion.shaking(q[:2]) == []
+
+
+def test_irregular_intervals_and_a_pace_that_changes() -> None:
+    rng = np.random.default_rng(6)
+    even = np.arange(300) * 0.01
+    assert (motion.irregularity(even), motion.changing_pace(even)) == (pytest.approx(0), pytest.approx(1))
+    early_or_late = even + rng.uniform(-0.0012, 0.0012, 300)
+    assert motion.irregularity(early_or_late) < 0.5
+    assert motion.changing_pace(early_or_late) < 1.2
+    assert motion.irregularity(even + rng.uniform(-0.003, 0.003, 300)) > 0.6
+    slower = np.cumsum(np.where(np.arange(300) < 150, 0.01, 0.016))
+    assert motion.changing_pace(slower) == pytest.approx(1.6)

@@ -81,7 +81,7 @@ class Folder:
 def read_folder(folder: Path) -> Folder:
     """Sort the entries of a folder; a folder that is not there is empty."""
     entries = sorted(folder.iterdir(), key=lambda path: path.name) if folder.is_dir() else []
-    files = [path for path in entries if path.suffix.lower() == ENDING and not path.is_dir()]
+    files = [path for path in entries if is_recording(path) and not path.is_dir()]
     unused = [_unused(path) for path in entries if path not in files and path.name != INDEX]
     together: Bag | None = None
     if folder / INDEX in entries:
@@ -93,6 +93,11 @@ def read_folder(folder: Path) -> Folder:
     if together is not None:
         bags.append(together)
     return Folder(tuple(sorted(bags, key=lambda bag: bag.name)), tuple(unused))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file is taken for a recording: by its ending, in capitals or not."""
+    return path.suffix.lower() == ENDING
 
 
 def bag_of(file: Path) -> Bag:

@@ -7,6 +7,8 @@ import stat
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pipeline.formats.mcap.bags import is_recording
+
 MAGIC = b"\x89MCAP0\r\n"
 PATIENCE = 20
 """How many looks a file that is not closed may stay the same until that is worth a word."""
@@ -52,7 +54,8 @@ class Arrivals:
 
     def look(self) -> News:
         """Look at the folder once."""
-        now = {path: signature for path in sorted(self.folder.glob("*.mcap")) if (signature := _signature(path))}
+        there = sorted(filter(is_recording, self.folder.iterdir())) if self.folder.is_dir() else []
+        now = {path: signature for path in there if (signature := _signature(path))}
         whole, waiting = [], []
         for path, signature in now.items():
             if self._taken.get(path) == signature:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -12,6 +12,7 @@ import polars as pl
 
 from pipeline import params
 from pipeline.formats.duckdb.questions import CONTENTS, ask
+from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
 from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
@@ -119,10 +120,7 @@ def _hypotheses(answers: _Answers) -> list[Part]:
 
 def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list[str]:
     said = [f"Task {task}: no posterior yet; run `dvc repro`." for task in project.params.tasks if task not in tasks]
-    counts = "select task, count(*) filter (not used) as n, count(*) as of from recordings group by task order by task"
-    for task, n, total in _rows(answers("recordings", counts), "task", "n", "of"):
-        if n:
-            said.append(f"Task {task}: {n} of {total} recordings were rejected; they are listed there.")
+    said += _of_recordings(answers)
     salvaged = answers("demonstrations", "from demonstrations where salvaged order by task, source")
     for task, source, lost in _rows(salvaged, "task", "source", "lost"):
         said.append(f"Task {task}: the recording {source} is cut off, and what stands before the cut was used. {lost}")
@@ -154,6 +152,41 @@ def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
     return said or ["Nothing: every recording was used, and models and sets agree."]
 
 
+def _of_recordings(answers: _Answers) -> list[str]:
+    """What was not used, and what was used although it is odd."""
+    said = []
+    for task, recordings in _by_task(answers("recordings", "from recordings order by task, source")):
+        aside = recordings.filter(pl.col("reason").is_in(sorted(SET_ASIDE)))
+        rejected = recordings.filter(~pl.col("used")).height - aside.height
+        if rejected:
+            total = recordings.height - aside.height
+            said.append(f"Task {task}: {rejected} of {total} recordings were rejected; they are listed there.")
+        if aside.height:
+            said.append(
+                f"Task {task}: {aside.height} of the files beside its recordings were set aside, such as "
+                f"{aside['source'][0]} ({aside['reason'][0]}); they are listed there."
+            )
+    for task, people in _by_task(answers("demonstrations", "from demonstrations order by task, source")):
+        remarked = people.filter(pl.col("remarks").is_not_null())
+        if remarked.height:
+            said.append(
+                f"Task {task}: {remarked.height} of {people.height} recordings are used with remarks, such as "
+                f"{remarked['source'][0]}: {remarked['remarks'][0]}. All are listed there."
+            )
+        if people["clock"].n_unique() > 1:
+            counted = people["clock"].value_counts().sort("clock").rows()
+            clocks = ", ".join(f"{clock} of {count}" for clock, count in counted)
+            said.append(f"Task {task}: times are of different clocks ({clocks}); ingest.clock names one.")
+    return said
+
+
+def _by_task(answer: pl.DataFrame) -> Iterator[tuple[object, pl.DataFrame]]:
+    """The rows of each task; none if the catalog has no such table."""
+    if answer.height:
+        for (task,), rows in answer.group_by("task", maintain_order=True):
+            yield task, rows
+
+
 def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
     task, settings = project.params.task(name), project.params
     people = answers("demonstrations", "from demonstrations order by source").filter(task=name)
@@ -172,9 +205,11 @@ def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
     )
     parts: list[Part] = [Text(about), _people(answers, name, people)]
     if rejected.height:
-        parts.append(
-            Table("Recordings that were not used, and why.", ("recording", "reason", "detail"), rejected.rows())
-        )
+        parts.append(Table("Files that were not used, and why.", ("file", "reason", "detail"), rejected.rows()))
+    remarked = people.filter(pl.col("remarks").is_not_null())
+    if remarked.height:
+        caption = "What is odd about recordings that were used, or was decided in reading them."
+        parts.append(Table(caption, ("recording", "remarks"), remarked.select("source", "remarks").rows()))
     return parts + _pictures(project, name, TASK_FIGURES)
 
 
