@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from benchmarks.measuring import clustered, known
 from pipeline.choice.kernel import cost_model
 from pipeline.choice.kernel.fourier import Grid
 from pipeline.choice.kernel.pairwise import LEAF, cut_off
-from pipeline.choice.kernel.row_sample import Drawn, Whole
+from pipeline.choice.kernel.row_sample import RowsInMemory
 from pipeline.choice.kernel.sampled_sums import SCORE_ERROR
 from pipeline.choice.kernel.subsampled_likelihood import SampledScore
 from pipeline.choice.kernel.unique_rows import distinct_rows
@@ -50,7 +50,7 @@ class Step:
     seconds: float
 
 
-class Million(Whole):
+class Million(RowsInMemory):
     """A million rows that stand for all."""
 
     parts, memory_bytes = PARTS, MEMORY_GB * 1e9
@@ -59,7 +59,7 @@ class Million(Whole):
         super().__init__(distinct_rows(rows))
         self.total = self.distinct = COUNT
         drawn, nearer = self.drawn, (len(rows) / COUNT) ** (2 / 3)  # squared distances in three dimensions
-        self.drawn = Drawn(drawn.first, drawn.first_counts, drawn.rows, drawn.often, drawn.own, drawn.nearest * nearer)
+        self.drawn = replace(drawn, nearest=drawn.nearest * nearer)
 
 
 @dataclass(frozen=True)

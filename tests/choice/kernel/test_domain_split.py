@@ -38,7 +38,7 @@ def test_slabs_against_all_pairs(features: int, count: int) -> None:
 def test_every_point_lies_in_one_slab() -> None:
     rows = clustered(1000, 3)
     slabs = cut(rows, 1000, 0.05, 7)
-    assert np.all(sum(slab.own(rows).astype(int) for slab in slabs) == 1)
+    assert np.all(sum(slab.contains(rows).astype(int) for slab in slabs) == 1)
     assert all(slab.grid.inside(rows[slab.around(rows)]).all() for slab in slabs)
 
 
