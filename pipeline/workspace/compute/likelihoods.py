@@ -147,8 +147,8 @@ def _require_streamed(models: Sequence[str], set_rows: SetRows, partition: int) 
         if name not in STREAMED_MODELS:
             raise StageError(
                 f"infer.models lists {name}, which compares every alternative with all others, and the set "
-                f"{set_rows.set_id!r} of {set_rows.rows:,} is larger than compute.partition ({partition:,}); leave that "
-                "model out, or make the partition larger"
+                f"{set_rows.set_id!r} of {set_rows.rows:,} is larger than compute.partition ({partition:,}); leave "
+                "that model out, or make the partition larger"
             )
 
 
