@@ -28,7 +28,7 @@ STAGES = ("sample", "featurize", "density", "infer")
 
 @dataclass(frozen=True)
 class Cost:
-    """Of a process: wall-clock time, processor time of all its threads, and peak memory in bytes."""
+    """The cost of a process: wall-clock time, processor time of all its threads, and peak memory in bytes."""
 
     wall_s: float
     cpu_s: float

@@ -128,7 +128,7 @@ def searching(planned: Planned, costs: Costs) -> list[Step]:
 
 
 def neighbours_seconds(distances: np.ndarray, sigmas: list[float], points: int) -> float:
-    """Predicted seconds for one part, for several bandwidths at so many points."""
+    """Predicted seconds for one part, for several bandwidths at this many points."""
     if not sigmas:
         return 0.0
     share = cost_model.share_compared(distances, cut_off(COUNT, max(sigmas), SCORE_ERROR), LEAF / ROWS)

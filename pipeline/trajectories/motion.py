@@ -16,16 +16,16 @@ from pipeline.arrays import BoolArray, FloatArray, IntArray
 SPEED_WINDOW_S = 0.05
 """Speeds are averaged over at least this long, because messages that arrive in bursts may be stamped on arrival."""
 OUTLIER = 8.0
-"""A step is an outlier if it is so many times as long as those around it; at most 4.7 in 80 recordings of people."""
+"""A step is an outlier if it is this many times as long as those around it; at most 4.7 in 80 recordings of people."""
 ODD_STEP = 0.05
 """rad or m; a shorter outlier is taken for noise."""
 MISSED = 2.5
-"""Samples are missing between two if their distance in time is more than so many median intervals."""
+"""Samples are missing between two if their distance in time is more than this many median intervals."""
 SHAKING = 0.5
 """An arm shakes if more than this share of its steps reverses the step before; pure noise has 2 / 3."""
 HOME, AWAY = 0.2, 0.5
 """The arm is back at its first pose below the first share of its greatest distance, and away above the second."""
-_AROUND = 3  # a step is compared with so many steps on either side
+_AROUND = 3  # a step is compared with this many steps on either side
 _FEWEST_AROUND = 4  # recordings with no more steps than this have no outliers
 _GRID = 2001  # number of poses, evenly spaced in time, among which rests and returns are searched
 

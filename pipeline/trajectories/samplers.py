@@ -43,7 +43,7 @@ __all__ = [
     "propose",
 ]
 
-_HOPELESS_AFTER = 2000  # so many proposals are made before a low share of accepted ones is an error
+_HOPELESS_AFTER = 2000  # proposals before a low share of accepted ones is an error
 
 
 class Fate(IntEnum):

@@ -42,7 +42,7 @@ _FFT = 2e-8  # per point of the oversampled grid
 
 @dataclass(frozen=True)
 class EngineChoice:
-    """What sums a kernel over a set.
+    """An engine that sums a kernel over a set, and its predicted cost.
 
     Attributes:
         engine: `exact`, `neighbours` or `spectral`.
@@ -122,7 +122,7 @@ def transform_bytes(grid: Grid, points: int) -> float:
 
 
 def transform_seconds(grid: Grid, points: int) -> float:
-    """Seconds that one transform between the grid and so many points takes."""
+    """Seconds that one transform between the grid and `points` points takes."""
     return grid.oversampled(points) * _FFT + points * spread_seconds(grid, points)
 
 
@@ -144,7 +144,7 @@ def share_compared(distances: FloatArray, reach: float, *tiles: float) -> float:
 
 
 def pair_seconds(pairs: float) -> float:
-    """Seconds that so many kernel values take."""
+    """Seconds that `pairs` kernel values take."""
     return pairs * _PAIR
 
 

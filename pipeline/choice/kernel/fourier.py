@@ -47,7 +47,7 @@ Part = TypeVar("Part")
 # Allowed error of a kernel sum. At a row of the set the sum is at least 1, so its relative error is below 1e-6.
 _ACCURACY = 5e-7
 _FINEST = 2e-14  # about the smallest tolerance that FINUFFT reaches in double precision
-_MANY = 2**18  # from so many points on, a second thread saves time
+_MANY = 2**18  # from this many points on, a second thread saves time
 _SPREADING = 200  # points of kernels per point of the grid at which spreading takes three times as long as the FFT
 _WIDEST = 16  # points of FINUFFT's widest kernel
 _LARGE = 2**25  # points of an oversampled grid (0.5 GB) above which it is oversampled less than twice

@@ -16,7 +16,7 @@ from pipeline.choice.logspace import log_sum_exp
 
 # A tile of 256 x 256 kernel values (0.5 MB) stays in the cache.
 _TILE = 256
-_MANY = 32  # from so many tiles on, two threads share the pairs
+_MANY = 32  # from this many tiles on, two threads share the pairs
 
 # All rows that are left out of a kernel sum add up to at most this much, relative to its largest term.
 NEGLIGIBLE = 1e-8
@@ -26,7 +26,7 @@ LEAF = 128  # the most rows in a leaf of the k-d tree
 _RUN = 16  # the most consecutive leaves that are summed at once
 _PIECE = 128  # the most leaves, consecutive or not, that are summed at once
 _BRANCH = 64  # consecutive leaves whose common box is looked at before theirs
-_FRESH = 16  # each squaring of a kernel value doubles its relative error: call exp again after so many
+_FRESH = 16  # each squaring of a kernel value doubles its relative error: call exp again after this many
 
 
 def log_sums_within(rows: FloatArray, counts: FloatArray, sigma: float) -> FloatArray:

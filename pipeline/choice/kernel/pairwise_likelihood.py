@@ -17,9 +17,9 @@ from pipeline.errors import BandwidthError
 _LEFT_OUT = 1e180
 _SMALLEST = 1e-60
 
-_KEPT_ROWS = 3000  # up to so many rows all pairs are kept in memory (72 MB); above, they are formed block by block
+_KEPT_ROWS = 3000  # up to this many rows all pairs are kept in memory (72 MB); above, they are formed block by block
 _BLOCK_PAIRS = 4_000_000
-_FRESH = 16  # each squaring of a kernel value doubles its relative error: call exp again after so many
+_FRESH = 16  # each squaring of a kernel value doubles its relative error: call exp again after this many
 
 
 class PairScore:

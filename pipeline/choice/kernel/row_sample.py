@@ -24,7 +24,7 @@ from pipeline.errors import BandwidthError
 
 _SEED = 0
 _DRAWN = 50_000  # rows that are drawn in the first phase
-_STRATUM = 2000  # of these, so many of the most isolated are scored, and about as many of the others
+_STRATUM = 2000  # of these, this many of the most isolated are scored, and about as many of the others
 _START = 1000  # distinct rows whose likelihood among themselves says where the search for the bandwidth starts
 
 

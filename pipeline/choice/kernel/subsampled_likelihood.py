@@ -15,7 +15,7 @@ from pipeline.choice.kernel.sampled_sums import Plan, SampledSums
 from pipeline.choice.kernel.unique_rows import DistinctRows
 from pipeline.errors import BandwidthError
 
-LIMIT = 5000  # up to so many distinct rows, all rows are scored
+LIMIT = 5000  # up to this many distinct rows, all rows are scored
 
 # All of these are differences of log sigma.
 _STEP = 0.5 * math.log(2)  # between the bandwidths that are tried first
@@ -133,7 +133,7 @@ class SampledScore:
         )
 
     def _to_maximum(self, cubics: FloatArray) -> float:
-        """Where the mean of the rows' cubics (4, S) has its maximum, from their middle; 1 uphill if it has none."""
+        """Distance from the middle to the maximum of the mean of the rows' cubics (4, S); 1 uphill if there is none."""
         slope, bend, twist = map(self._rows.average, cubics[1:])
         if bend < 0 and bend**2 > 3 * slope * twist:
             return slope / (math.sqrt(bend**2 - 3 * slope * twist) - bend)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _ROW = 25.0  # height of a row
 _BAR_RADIUS = 6.5  # half the height of a bar
 _VALUE_WIDTH = 60.0  # width that is left for a number behind a bar
-_LABEL_DROP = 13.0  # the viewer draws a label so far below its point
+_LABEL_DROP = 13.0  # distance at which the viewer draws a label below its point
 _SHORTEST = 2.0  # a shorter bar's end cannot be told from its beginning
 _WORTH_A_NUMBER = 0.01  # smaller probabilities have no number
 

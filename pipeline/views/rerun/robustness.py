@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _WIDTH, _HEIGHT, _GAP, _LEFT = 100.0, 130.0, 16.0, 30.0  # of a panel, between panels, left of the first; page units
 _LINE, _HAIR, _DOT = (rr.Radius.ui_points(points) for points in (1.4, 0.4, 3.5))
-_LABEL_DROP = 7.0  # the viewer draws a label so far below its point
+_LABEL_DROP = 7.0  # distance at which the viewer draws a label below its point
 
 
 def spread_bounds(robustness: pl.DataFrame) -> Bounds:
