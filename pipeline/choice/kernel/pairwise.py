@@ -60,6 +60,35 @@ def exponents(x: FloatArray, y: FloatArray, sigma: float) -> FloatArray:
         return np.asarray(cdist(x, y, "sqeuclidean") * (-0.5 / sigma**2))
 
 
+def is_halved(sigmas: FloatArray) -> BoolArray:
+    """(K,) which of the descending bandwidths is the one before divided by sqrt(2)."""
+    return np.append(False, np.isclose(sigmas[:-1] / sigmas[1:], math.sqrt(2), rtol=1e-12, atol=0))
+
+
+def kernels(excess: FloatArray, precisions: FloatArray, halved: BoolArray) -> Iterator[FloatArray]:
+    """Kernel values exp(-excess / (2 sigma^2)) for each of K descending bandwidths.
+
+    A step of sqrt(2) down in sigma squares the kernel, which is much cheaper than exp.
+
+    Args:
+        excess: (...) squared distances, or these minus that of the nearest row.
+        precisions: (K,) 1 / (2 sigma^2).
+        halved: (K,) the result of `is_halved`.
+
+    Yields:
+        (...) the values for one bandwidth; each overwrites the one before.
+    """
+    kernel = np.empty_like(excess)
+    for step, precision in enumerate(precisions):
+        if step % _FRESH and halved[step]:
+            np.multiply(kernel, kernel, out=kernel)
+        else:
+            with np.errstate(over="ignore"):  # beyond the largest double the kernel is 0
+                np.multiply(excess, -precision, out=kernel)
+            np.exp(kernel, out=kernel)
+        yield kernel
+
+
 def cut_off(total: float, sigma: float, negligible: float = NEGLIGIBLE) -> float:
     """The distance r beyond which `total` rows together add less: total exp(-r^2 / 2 sigma^2) = negligible."""
     return sigma * math.sqrt(2 * math.log(total / negligible))
@@ -167,22 +196,14 @@ class Neighbours:
         """(K, M) the same sums, relative to the term of the nearest other row."""
         reaches = nearest + cut_off(self._total, sigmas[0], negligible) ** 2
         precisions = 0.5 / sigmas**2
-        halved = np.isclose(sigmas[:-1] / sigmas[1:], math.sqrt(2), rtol=1e-12, atol=0)
+        halved = is_halved(sigmas)
         sums = np.zeros((len(sigmas), len(points)))
         for number, reach in enumerate(reaches):
             for rows, counts in self._within(points[[number]], reach):
                 excess = cdist(points[[number]], rows, "sqeuclidean")[0]
                 excess[excess == 0] = np.inf
                 excess -= nearest[number]
-                kernel = np.empty_like(excess)
-                for step, precision in enumerate(precisions):
-                    # a step of sqrt(2) down in sigma squares the kernel: much cheaper than exp
-                    if step % _FRESH and halved[step - 1]:
-                        np.multiply(kernel, kernel, out=kernel)
-                    else:
-                        with np.errstate(over="ignore"):
-                            np.multiply(excess, -precision, out=kernel)
-                        np.exp(kernel, out=kernel)
+                for step, kernel in enumerate(kernels(excess, precisions, halved)):
                     sums[step, number] += np.einsum("j,j->", kernel, counts)
         return sums
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from pipeline.arrays import FloatArray, IndexArray
+from pipeline.choice.kernel.pairwise import is_halved, kernels
 from pipeline.choice.kernel.unique_rows import DistinctRows
 from pipeline.errors import BandwidthError
 
@@ -19,7 +20,6 @@ _SMALLEST = 1e-60
 
 _KEPT_ROWS = 3000  # up to this many rows all pairs are kept in memory (72 MB); above, they are formed block by block
 _BLOCK_PAIRS = 4_000_000
-_FRESH = 16  # each squaring of a kernel value doubles its relative error: call exp again after this many
 
 
 class PairScore:
@@ -126,14 +126,9 @@ class PairScore:
         """Scores at descending `sigmas` (units of the largest distance), in one pass over the pairs."""
         scores = -self._counts.sum() * self._dimensions * np.log(sigmas) + self._constant
         scores -= 0.5 * float(np.sum(self._counts * self._nearest)) / sigmas**2
+        precisions, halved = np.array([0.5 / sigma**2 for sigma in sigmas]), is_halved(sigmas)
         for block, excess in self._excesses():
-            kernel = np.empty_like(excess)
-            for step, sigma in enumerate(sigmas):
-                # A step of sqrt(2) down in sigma squares the kernel: much cheaper than exp.
-                if step % _FRESH and np.isclose(sigmas[step - 1] / sigma, math.sqrt(2), rtol=1e-12, atol=0):
-                    np.multiply(kernel, kernel, out=kernel)
-                else:
-                    np.exp(excess * (-0.5 / sigma**2), out=kernel)
+            for step, kernel in enumerate(kernels(excess, precisions, halved)):
                 sums = np.einsum("ij,j->i", kernel, self._counts)
                 scores[step] += float(np.sum(self._counts[block] * np.log(sums)))
         return np.asarray(scores)
