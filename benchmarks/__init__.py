@@ -1,1 +1,1 @@
-"""Side-by-side measurements: `python -m benchmarks.NAME` prints a table."""
+"""Measurements beside what you would use instead: `python -m benchmarks.NAME` prints a table."""

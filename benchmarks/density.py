@@ -1,15 +1,16 @@
 """Kernel density and its bandwidth against scikit-learn and scipy: `python -m benchmarks.density [--ten-million]`.
 
-Three clustered features; every case in a process of its own. Times are wall-clock with the seconds of processor behind
-them; ratios are of processor seconds, which other work on the machine disturbs least. From 2.6e5 points on, ours takes
-two threads for some of its steps, whose seconds both count; the peers take one. Peers that would run for hours are
-measured up to 20,000 or 40,000 rows and extrapolated by their own growth between the two largest; the table says so.
+The rows have three clustered features, and every case runs in a process of its own. Times are wall-clock seconds,
+followed by processor seconds. Ratios are of processor seconds, which other work on the machine disturbs least. From
+2.6e5 points on, ours uses two threads for some of its steps, both of which count; the peers use one. Peers that would
+run for hours are measured up to 20,000 or 40,000 rows and extrapolated by their growth between the two largest sizes;
+the table says so.
 
-What was measured is kept in benchmarks/results/density.json; `--picture FILE` draws it without measuring again, and
+The measurements are kept in benchmarks/results/density.json; `--picture FILE` draws it without measuring again, and
 `python -m benchmarks.estimate` computes from it what a thousand million alternatives would take.
 
-"Selecting among 20 bandwidths" is GridSearchCV for the peer: 20 bandwidths around the best, five folds, all rows. Ours
-has no grid: leave-one-out likelihood of about 4000 rows against all, its maximum, with its standard error.
+The peer selects among 20 bandwidths around the best with GridSearchCV: five folds, all rows. Ours has no grid: it
+maximises the leave-one-out likelihood of about 4000 rows against all, and returns a standard error.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from scipy.stats import gaussian_kde
 from sklearn.model_selection import GridSearchCV
 from sklearn.neighbors import KernelDensity
 
-from benchmarks.measuring import Growth, Run, clustered, known, measured, record, seconds, show
+from benchmarks.measuring import Growth, Run, clustered, measured, record, recorded, seconds, show
 from pipeline.choice import choose_engine, log_density, select_bandwidth
 from pipeline.choice.kernel.fourier import Grid, Sketch
 from pipeline.choice.log_sum_exp import partial_normaliser
@@ -77,8 +78,8 @@ def scikit_search(count: int, sigma: float) -> tuple[float, object]:
     grid = {"bandwidth": sigma * np.geomspace(0.2, 5, BANDWIDTHS)}
 
     def search() -> float:
-        found = GridSearchCV(KernelDensity(rtol=RELATIVE), grid, cv=5).fit(rows)
-        return float(found.best_estimator_.score_samples(rows).sum())
+        fitted = GridSearchCV(KernelDensity(rtol=RELATIVE), grid, cv=5).fit(rows)
+        return float(fitted.best_estimator_.score_samples(rows).sum())
 
     return _peer(search)
 
@@ -96,18 +97,18 @@ def _peer(function: Callable[[], Any]) -> tuple[float, object]:
 
 
 def transforms(count: int, sigma: float) -> tuple[float, object]:
-    """Processor seconds of a sketch and of its sums at all rows, both without the grid, and of a point of the grid."""
+    """Processor seconds of a sketch and of its sums at all rows, both without the grid, and per point of the grid."""
     rows = clustered(count)
     grid = Grid.covering(rows.min(axis=0), rows.max(axis=0), sigma, sigma, count)
     _, forward, sketch = clocked(Sketch.of, rows, grid)
     _, backward, _ = clocked(sketch.sums, rows, sigma)
-    wall, alone, _ = clocked(sketch.sums, rows[:1], sigma)
+    wall, grid_alone, _ = clocked(sketch.sums, rows[:1], sigma)
     grids = len(grid.parts(count))
-    return wall, (forward - grids * alone, backward - grids * alone, alone / grid.oversampled(1))
+    return wall, (forward - grids * grid_alone, backward - grids * grid_alone, grid_alone / grid.oversampled(1))
 
 
 def normalised(count: int, hypotheses: int, demonstrations: int) -> tuple[float, object]:
-    """Processor seconds of one part's share of the log normalisers, with demonstrations that join the set."""
+    """Processor seconds of one part's sums of the log normalisers, with demonstrations that join the set."""
     rows, thetas = clustered(count), np.random.default_rng(2).normal(size=(hypotheses, 3))
     joined = np.zeros((demonstrations, count))
     wall, processor, _ = clocked(partial_normaliser, rows, np.zeros(count), thetas, [1.0], np.zeros(3), joined)
@@ -127,17 +128,17 @@ def keep(name: str, count: int, run: Run) -> Run:
     return run
 
 
-def grown(name: str, function: object, sizes: list[int], sigma: float, wanted: int) -> tuple[float, str]:
-    """Processor seconds at `wanted` rows, and how they were found."""
+def grown(name: str, function: object, sizes: list[int], sigma: float, target: int) -> tuple[float, str]:
+    """Processor seconds at `target` rows, and whether they were measured or extrapolated."""
     runs = [keep(name, size, measured(function, size, sigma)).result[0] for size in sizes]
-    if sizes[-1] == wanted:
+    if sizes[-1] == target:
         return runs[-1], "measured"
     growth = Growth.fitted(sizes, runs)
     measurements = ", ".join(f"{size:,}: {seconds(run)}" for size, run in zip(sizes, runs, strict=True))
-    return growth.at(wanted), f"extrapolated with N^{growth.exponent:.2f} from {measurements}"
+    return growth.at(target), f"extrapolated with N^{growth.exponent:.2f} from {measurements}"
 
 
-def both(run: Run) -> str:
+def clock_times(run: Run) -> str:
     return f"{seconds(run.seconds)} ({seconds(run.result[0])})"
 
 
@@ -156,7 +157,7 @@ def measure(ten_million: bool, in_full: bool) -> None:
         peer, how = grown(name, scikit_density, sizes, sigma, 100_000)
         rows.append(
             (
-                f"density, N = 1e5, bandwidth {sigma:.4f} ({ours.result[1]})", both(ours), megabytes(ours),
+                f"density, N = 1e5, bandwidth {sigma:.4f} ({ours.result[1]})", clock_times(ours), megabytes(ours),
                 f"{ours.result[2]:.0e}", f"scikit-learn {seconds(peer)}", f"{peer / ours.result[0]:,.0f} x", how,
             )
         )  # fmt: skip
@@ -176,15 +177,16 @@ def measure(ten_million: bool, in_full: bool) -> None:
         rows.append(
             (
                 f"bandwidth, then density, N = {count:.0e} ({bandwidth.value:.4f} +- {bandwidth.value_error or 0:.4f})",
-                f"{both(run)}, of which bandwidth {seconds(selecting)}", megabytes(run), f"{error:.0e}", *compared,
+                f"{clock_times(run)}, of which bandwidth {seconds(selecting)}", megabytes(run), f"{error:.0e}",
+                *compared,
             )
         )  # fmt: skip
     show("Three clustered features", columns, rows)
 
     last = max(chains)
     rows = []
-    for name, of in (("wall-clock", lambda run: run.seconds), ("processor", lambda run: run.result[0])):
-        times = [of(chains[count]) for count in (100_000, last)]
+    for name, time_of in (("wall-clock", lambda run: run.seconds), ("processor", lambda run: run.result[0])):
+        times = [time_of(chains[count]) for count in (100_000, last)]
         exponent = Growth.fitted([100_000, last], times).exponent
         rows.append((f"bandwidth, then density, {name}", *map(seconds, times), f"{exponent:.2f}"))
     show("Growth", ("measure", "1e+05", f"{last:.0e}", "exponent"), rows)
@@ -217,10 +219,10 @@ def measure(ten_million: bool, in_full: bool) -> None:
 
 
 def draw(path: Path) -> None:
-    """Time and memory against N, measured points and the peers' own growth onwards, on logarithmic axes."""
+    """Draw time and memory against N on logarithmic axes: measured points, and the peers' growth beyond them."""
     from benchmarks.scale_picture import draw_scale
 
-    draw_scale(known("density"), path, (OURS, SEARCH, ITS_DENSITY, SCIPY))
+    draw_scale(recorded("density"), path, (OURS, SEARCH, ITS_DENSITY, SCIPY))
 
 
 def main() -> None:

@@ -1,7 +1,7 @@
 """From sampling to the posterior, a million alternatives and three features: `python -m benchmarks.end_to_end`.
 
-Each stage is a process of its own, as `dvc repro` runs it, in a project in a temporary folder. `--growth` runs the stages
-on a quarter of the alternatives too, to show what memory depends on.
+Each stage is a process of its own, as `dvc repro` runs it, in a project in a temporary folder. `--growth` also runs the
+stages with a quarter of the alternatives, to show what memory depends on.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ STAGES = ("sample", "featurize", "density", "infer")
 
 @dataclass(frozen=True)
 class Cost:
-    """Of a process: time on the clock, of all its threads, and the most memory it had."""
+    """The cost of a process: wall-clock time, processor time of all its threads, and peak memory in bytes."""
 
     wall_s: float
     cpu_s: float
@@ -36,7 +36,7 @@ class Cost:
 
 
 def write_project(root: Path, count: int, partition: int | None) -> None:
-    """The repository's task with one set of `count` alternatives and nothing else."""
+    """Write a project with one task of the repository and one set of `count` alternatives."""
     yaml = YAML(typ="safe", pure=True)
     parameters = yaml.load(ROOT / "params.yaml")
     parameters["tasks"] = {TASK: parameters["tasks"][TASK]}

@@ -1,8 +1,9 @@
-"""What many hypotheses and many sets cost: `python -m benchmarks.hypotheses`.
+"""Memory for many hypotheses and time for many sets: `python -m benchmarks.hypotheses`.
 
-Memory: the repository's table task with 20 participants and more and more features, each stage in a process of its own.
-A grid of three weights for each of F features has 3^F - 2^F thetas. Time: 900 sets of 50 alternatives, and what of the
-processor's time is spent on reading them and what on inferring from them.
+Memory is measured for the repository's table task with 20 participants and a growing number of features, with each
+stage in a process of its own. A grid of three weights for each of F features has 3^F - 2^F thetas. Time is measured for
+900
+sets of 50 alternatives: how much processor time is spent on reading them, and how much on inferring from them.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ LOOKING = (("figures", TASK), ("inspect", TASK), ("verify", TASK), ("catalog",),
 
 
 def write_project(root: Path, features: int, **sample: object) -> None:
-    """The repository's task with so many features and participants, and no other task."""
+    """Write a project with one task of the repository, this number of features, and 20 participants."""
     yaml = YAML(typ="safe", pure=True)
     parameters = yaml.load(ROOT / "params.yaml")
     task = parameters["tasks"][TASK] | {"features": dict(list(FEATURES.items())[:features])}
@@ -55,7 +56,7 @@ def write_project(root: Path, features: int, **sample: object) -> None:
 
 
 def read_and_infer(root: Path) -> tuple[float, tuple[float, float, int]]:
-    """Processor seconds of reading and of inferring, and how many sets there are; first, seconds of both."""
+    """Seconds of both; then processor seconds of reading and of inferring, and the number of sets."""
     project = Project(root)
     thetas, betas = theta_grid([project.params.infer.theta_values] * 3), np.array(project.params.infer.betas)
     begin, start = time.process_time(), time.perf_counter()
@@ -66,11 +67,11 @@ def read_and_infer(root: Path) -> tuple[float, tuple[float, float, int]]:
         demonstrations = features.read(tables.contents("features").others)
         sets = tables.contents("features").sets
         sigmas = bandwidths(tables)
-        alternatives = {one.key: features.read(one.pieces) for one in sets}
+        alternatives = {set_rows.key: features.read(set_rows.pieces) for set_rows in sets}
     read = time.process_time()
     for key, phi in alternatives.items():
-        for label in project.params.infer.models:
-            log_likelihood(choice_model(label, sigmas[key]), demonstrations, phi, thetas, betas)
+        for model in project.params.infer.models:
+            log_likelihood(choice_model(model, sigmas[key]), demonstrations, phi, thetas, betas)
     ended = time.process_time()
     return time.perf_counter() - start, (read - begin, ended - read, len(sets))
 
@@ -104,8 +105,8 @@ def memory(features: int) -> None:
         (name, seconds(cost.wall_s), seconds(cost.cpu_s), f"{cost.memory / 1e6:,.0f} MB")
         for name, cost in costs.items()
     ]
-    title = f"{features} features, {thetas:,} thetas, {PARTICIPANTS} demonstrations; posteriors {size / 1e6:,.0f} MB on disk"
-    show(title, ("stage", "time", "CPU time", "peak memory"), rows)
+    title = f"{features} features, {thetas:,} thetas, {PARTICIPANTS} demonstrations; posteriors {size / 1e6:,.0f} MB"
+    show(f"{title} on disk", ("stage", "time", "CPU time", "peak memory"), rows)
     record("hypotheses", {f"{features} features, {name}, MB": cost.memory / 1e6 for name, cost in costs.items()})
 
 

@@ -1,7 +1,7 @@
 """Reading 100,000 JointState messages against mcap-ros2-support's decoder: `python -m benchmarks.ingest`.
 
-A bag of a seven-joint arm in zstd chunks. Both check the CRCs; ours also keeps to its size limits
-and checks the poses. Both give stamps, names and positions, which are compared.
+The bag is of a seven-joint arm, in zstd chunks. Both readers check the CRCs; ours also enforces size limits and checks
+the poses. Their times, names and positions are compared.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def official(path: Path) -> tuple[float, Read]:
                 stamps.append(message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec)
                 names.add(tuple(message.name))
                 positions.append(message.position)
-        (only,) = names
-        return np.array(stamps), only, np.array(positions)
+        (joint_names,) = names
+        return np.array(stamps), joint_names, np.array(positions)
 
     return timed(read)
 
@@ -52,22 +52,22 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "demonstration.mcap"
         write(path)
-        own, peer = measured(ours, path, times=5), measured(official, path, times=3)
+        our_run, peer_run = measured(ours, path, times=5), measured(official, path, times=3)
         size = path.stat().st_size
-    assert own.result[1] == peer.result[1]
-    assert (own.result[0] == peer.result[0]).all()
-    assert (own.result[2] == peer.result[2]).all()
+    assert our_run.result[1] == peer_run.result[1]
+    assert (our_run.result[0] == peer_run.result[0]).all()
+    assert (our_run.result[2] == peer_run.result[2]).all()
     show(
         f"Reading {MESSAGES:,} JointState messages of {len(NAMES)} joints, {size / 1e6:.0f} MB, CRCs checked, same "
         "values",
         ("reader", "time", "messages a second", "peak memory"),
         [
             (name, f"{run.seconds:.2f} s", f"{MESSAGES / run.seconds:,.0f}", f"{run.memory / 1e6:,.0f} MB")
-            for name, run in (("mcap-ros2-support", peer), ("ours", own))
+            for name, run in (("mcap-ros2-support", peer_run), ("ours", our_run))
         ]
-        + [("ratio", f"{peer.seconds / own.seconds:.1f} x", "", "")],
+        + [("ratio", f"{peer_run.seconds / our_run.seconds:.1f} x", "", "")],
     )
-    record("replay", {"ingest, us per message": own.seconds / MESSAGES * 1e6})
+    record("replay", {"ingest, us per message": our_run.seconds / MESSAGES * 1e6})
 
 
 if __name__ == "__main__":

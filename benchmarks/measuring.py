@@ -1,4 +1,4 @@
-"""What the measurements share: runs in processes of their own, growth fits, tables, one kind of data."""
+"""What the benchmarks share: runs in separate processes, growth fits, tables, recorded results, test data."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RESULTS = Path(__file__).parent / "results"
 
 @dataclass(frozen=True)
 class Run:
-    """Median seconds of the repetitions, peak memory of the process in bytes, and what the function returned last."""
+    """Median seconds of the repetitions, peak memory of the process in bytes, and the last result."""
 
     seconds: float
     memory: float
@@ -33,7 +33,7 @@ class Run:
 
 
 def measured(function: Callable[..., Any], *args: Any, times: int = 1) -> Run:
-    """`function(*args)`, which returns (seconds, result), `times` times in a fresh process."""
+    """Call `function(*args)`, which returns (seconds, result), `times` times in a fresh process."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(_repeat, (function, args, times))
 
@@ -44,7 +44,7 @@ def _repeat(function: Callable[..., Any], args: Sequence[Any], times: int) -> Ru
 
 
 def _peak_bytes() -> float:
-    """Of this process; `ru_maxrss` would begin with what its parent held when it was started."""
+    """Peak memory of this process; `ru_maxrss` would include what its parent held when it was started."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -61,7 +61,7 @@ def timed(function: Callable[..., Any], *args: Any, **options: Any) -> tuple[flo
 
 @dataclass(frozen=True)
 class Growth:
-    """seconds = factor x N^exponent, fitted to the two largest sizes, where lower terms matter least."""
+    """seconds = factor x N^exponent, fitted to the two largest sizes, for which lower-order terms matter least."""
 
     factor: float
     exponent: float
@@ -76,15 +76,15 @@ class Growth:
 
 
 def clustered(count: int, features: int = 3, seed: int = 0) -> np.ndarray:
-    """Eight normal clusters, 0.03 to 0.12 wide, with centres in a unit cube."""
+    """(count, features) points of eight normal clusters, 0.03 to 0.12 wide, with centres in a unit cube."""
     rng = np.random.default_rng(seed)
     centres, widths = rng.random((8, features)), rng.uniform(0.03, 0.12, 8)
-    of = rng.integers(0, 8, count)
-    return centres[of] + widths[of, None] * rng.normal(size=(count, features))
+    cluster = rng.integers(0, 8, count)
+    return centres[cluster] + widths[cluster, None] * rng.normal(size=(count, features))
 
 
 def show(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Print a table, and how busy the machine was."""
+    """Print a table, and below it the number of cores and the load average."""
     table = Table(*columns, title=title, title_justify="left")
     for row in rows:
         table.add_row(*row)
@@ -93,18 +93,18 @@ def show(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> N
 
 
 def record(file: str, costs: dict[str, float]) -> None:
-    """Keep unit costs in benchmarks/results/`file`.json, beside those of other commands, with machine and date."""
+    """Write unit costs to benchmarks/results/`file`.json, with machine and date; other costs in it are kept."""
     path = RESULTS / f"{file}.json"
     path.parent.mkdir(exist_ok=True)
-    kept = known(file) if path.is_file() else {}
-    kept.update({name: float(f"{value:.3g}") for name, value in costs.items()})
-    kept["date"] = datetime.date.today().isoformat()
-    kept["machine"] = f"{_processor()}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}"
-    path.write_text(json.dumps(kept, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    document = recorded(file) if path.is_file() else {}
+    document.update({name: float(f"{value:.3g}") for name, value in costs.items()})
+    document["date"] = datetime.date.today().isoformat()
+    document["machine"] = f"{_processor()}, {os.cpu_count()} cores, load average {os.getloadavg()[0]:.1f}"
+    path.write_text(json.dumps(document, indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
 
-def known(file: str) -> dict[str, Any]:
-    """What `record` kept."""
+def recorded(file: str) -> dict[str, Any]:
+    """The unit costs that `record` wrote."""
     return dict(json.loads((RESULTS / f"{file}.json").read_text(encoding="utf-8")))
 
 
@@ -117,7 +117,7 @@ def _processor() -> str:
 
 
 def seconds(value: float) -> str:
-    """A duration to read."""
+    """A duration in seconds, minutes or hours."""
     if value < 120:
         return f"{value:.3g} s"
     return f"{value / 60:.3g} min" if value < 7200 else f"{value / 3600:.3g} h"

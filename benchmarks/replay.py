@@ -1,9 +1,9 @@
-"""Replay and features per configuration, and what drawing costs: `python -m benchmarks.replay`.
+"""Times of replay and features per configuration, and of drawing trajectories: `python -m benchmarks.replay`.
 
-One thousand trajectories of 41 waypoints of the table task, three features. The peer is a Python loop over
-`mujoco.mj_kinematics` that reads the same position and sums up the same features; to its advantage its model has no
-geoms. On both cores means one process per core, each with half of the trajectories, for the peer as for ours. The C
-loop is compiled here with `cc` against the library in MuJoCo's wheel. Writes the unit costs to
+One thousand trajectories of the table task have 41 waypoints and three features. The peer is a Python loop over
+`mujoco.mj_kinematics` that reads the same position and sums up the same features; to its advantage, its model has no
+geoms. "On both cores" means one process per core with half of the trajectories each, for the peer and for ours. The C
+loop is compiled with `cc` against the library in MuJoCo's wheel. Unit costs are written to
 benchmarks/results/replay.json.
 """
 
@@ -76,7 +76,7 @@ def trajectories(features: FeatureSet, anchor: Anchor) -> np.ndarray:
 
 
 def bodies_alone(path: Path) -> Any:
-    """The model without geoms, which the peer needs no more than we do."""
+    """The model without geoms, which neither the peer nor we need for poses."""
     spec = mujoco.MjSpec.from_file(str(path))
     for body in spec.bodies:
         body.explicitinertial, body.mass, body.inertia = True, 1.0, [1.0, 1.0, 1.0]
@@ -86,7 +86,7 @@ def bodies_alone(path: Path) -> Any:
 
 
 def best(function: Any) -> tuple[float, Any]:
-    """Seconds of the fastest of some repetitions, after one that warms up, and the last result."""
+    """Seconds of the fastest of 20 repetitions after one to warm up, and the last result."""
     function()
     runs = [timed(function) for _ in range(REPEATS)]
     return min(took for took, _ in runs), runs[-1][1]
@@ -99,12 +99,12 @@ def ours(share: slice) -> tuple[float, np.ndarray]:
 
 
 def looped(share: slice) -> tuple[float, np.ndarray]:
-    """The peer: poses one by one, then the same features from the same positions."""
+    """The peer: poses one by one, then the same features from these positions."""
     features, anchor = table_task()
     scene, waypoints = features.scene, trajectories(features, anchor)[share]
     model = bodies_alone(scene.path)
     data, body = mujoco.MjData(model), scene.body_id(scene.end_effector)
-    laptop = model.body("laptop").pos[:2]  # it hangs from the world, and stands still
+    laptop = model.body("laptop").pos[:2]  # its parent is the world, so this is where it always is
 
     def run() -> np.ndarray:
         positions = np.empty((*waypoints.shape[:2], 3))
@@ -133,14 +133,14 @@ def on_both_cores(function: Any) -> float:
 
 
 def posed() -> tuple[float, np.ndarray]:
-    """Ours without the features: where the end effector is."""
+    """Ours without the features: the positions of the end effector."""
     features, anchor = table_task()
     scene, waypoints = features.scene, trajectories(features, anchor)
     return best(lambda: body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector])
 
 
 def batched(threads: int) -> tuple[float, np.ndarray]:
-    """MuJoCo's own batch, which has no stage of kinematics alone."""
+    """MuJoCo's batch, which cannot compute kinematics alone."""
     features, anchor = table_task()
     scene = features.scene
     configurations = trajectories(features, anchor).reshape(-1, len(scene.joints))
@@ -156,7 +156,7 @@ def batched(threads: int) -> tuple[float, np.ndarray]:
 
 
 def in_c() -> tuple[float, np.ndarray] | None:
-    """Seconds and positions of the C loop, one core; None where it cannot be compiled."""
+    """Seconds and positions of the C loop on one core; None if it cannot be compiled."""
     features, anchor = table_task()
     scene = features.scene
     configurations = trajectories(features, anchor).reshape(-1, len(scene.joints))
@@ -172,13 +172,14 @@ def in_c() -> tuple[float, np.ndarray] | None:
             subprocess.run([*compiling, f"-Wl,-rpath,{package}"], check=True, capture_output=True)
         except (OSError, subprocess.CalledProcessError):
             return None
-        given = [Path(folder) / "q", scene.body_id(scene.end_effector), len(configurations), Path(folder) / "out"]
-        printed = subprocess.run([program, model, *map(str, given)], check=True, capture_output=True, text=True).stdout
-        return min(map(float, printed.split())), np.fromfile(Path(folder) / "out").reshape(-1, WAYPOINTS, 3)
+        arguments = [Path(folder) / "q", scene.body_id(scene.end_effector), len(configurations), Path(folder) / "out"]
+        finished = subprocess.run([program, model, *map(str, arguments)], check=True, capture_output=True, text=True)
+        fastest_s = min(map(float, finished.stdout.split()))
+        return fastest_s, np.fromfile(Path(folder) / "out").reshape(-1, WAYPOINTS, 3)
 
 
 def drawn(part: str) -> tuple[float, float]:
-    """Seconds of drawing admissible trajectories, and the share of the draws that was discarded."""
+    """Seconds that drawing admissible trajectories takes, and the share of draws that was discarded."""
     features, anchor = table_task()
     scene = features.scene
     planner = Planner(trajectories(features, anchor)[:36], Deformation(0.1))
@@ -196,32 +197,35 @@ def drawn(part: str) -> tuple[float, float]:
 
 def main() -> None:
     count = TRAJECTORIES * WAYPOINTS
-    own, loop = measured(ours, slice(None)), measured(looped, slice(None))
-    assert np.allclose(own.result, loop.result, rtol=1e-12, atol=1e-12)
-    own_both, loop_both = on_both_cores(ours), on_both_cores(looped)
-    alone = measured(posed)
-    others = [
+    our_run, loop = measured(ours, slice(None)), measured(looped, slice(None))
+    assert np.allclose(our_run.result, loop.result, rtol=1e-12, atol=1e-12)
+    our_both_s, loop_both_s = on_both_cores(ours), on_both_cores(looped)
+    poses = measured(posed)
+    peers = [
         ("MuJoCo's batch, one thread", measured(batched, 1)),
         ("MuJoCo's batch, both cores", measured(batched, 2)),
     ]
     compiled = in_c()
     if compiled:
-        others.append(("C loop over mj_kinematics, one core", Run(compiled[0], 0, compiled[1])))
-    for _, run in others:
-        assert np.abs(run.result.reshape(alone.result.shape) - alone.result).max() < 1e-12
+        peers.append(("C loop over mj_kinematics, one core", Run(compiled[0], 0, compiled[1])))
+    for _, run in peers:
+        assert np.abs(run.result.reshape(poses.result.shape) - poses.result).max() < 1e-12
 
-    def each(took: float) -> str:
-        return f"{took / count * 1e6:.3f} us"
+    def per_configuration(total_s: float) -> str:
+        return f"{total_s / count * 1e6:.3f} us"
 
     rows = [
-        ("poses and 3 features, one core", "Python loop over mj_kinematics", loop.seconds, own.seconds),
-        ("poses and 3 features, both cores", "the same, a process on each", loop_both, own_both),
-        *(("poses alone, ours on one core", name, run.seconds, alone.seconds) for name, run in others),
+        ("poses and 3 features, one core", "Python loop over mj_kinematics", loop.seconds, our_run.seconds),
+        ("poses and 3 features, both cores", "the same, a process on each", loop_both_s, our_both_s),
+        *(("poses alone, ours on one core", name, run.seconds, poses.seconds) for name, run in peers),
     ]
     show(
         f"Replay, per configuration, JACO 2 ({count:,} configurations)",
         ("measure", "peer", "its time", "ours", "ratio"),
-        [(what, peer, each(its), each(took), f"{its / took:.1f} x") for what, peer, its, took in rows],
+        [
+            (measure, peer, per_configuration(peer_s), per_configuration(our_s), f"{peer_s / our_s:.1f} x")
+            for measure, peer, peer_s, our_s in rows
+        ],
     )
     if compiled is None:
         print("The C loop could not be compiled: no `cc`, or no headers in MuJoCo's wheel.")
@@ -236,9 +240,9 @@ def main() -> None:
     record(
         "replay",
         {
-            "replay and 3 features, us per configuration, one core": own.seconds / count * 1e6,
-            "replay alone, us per configuration, one core": alone.seconds / count * 1e6,
-            "replay and 3 features, us per configuration, both cores": own_both / count * 1e6,
+            "replay and 3 features, us per configuration, one core": our_run.seconds / count * 1e6,
+            "replay alone, us per configuration, one core": poses.seconds / count * 1e6,
+            "replay and 3 features, us per configuration, both cores": our_both_s / count * 1e6,
             "Python loop over mj_kinematics and 3 features, us per configuration, one core": loop.seconds / count * 1e6,
             **(
                 {"C loop over mj_kinematics, us per configuration, one core": compiled[0] / count * 1e6}

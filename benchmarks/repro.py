@@ -1,8 +1,8 @@
-"""What `dvc repro` costs beside the computing: `python -m benchmarks.repro`.
+"""What `dvc repro` costs besides the stages' work: `python -m benchmarks.repro`.
 
-The default project, as it is in this folder without what is derived, is computed once in a temporary folder, and then
-twice more with nothing to do. Useful are the seconds inside the stages' own work, as each records them itself: neither
-DVC's part nor starting Python and importing libraries counts.
+The files of the default project are copied to a temporary folder without anything derived. There `dvc repro` runs once,
+and twice more with nothing to do. Useful seconds are those that each stage records for its work; they do not include
+DVC, starting Python and importing libraries.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def copy(folder: Path) -> None:
-    """The files that git knows, as a repository of their own."""
+    """Copy the files that git tracks into a folder, and make it a repository."""
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, check=True, capture_output=True, text=True).stdout
     for name in listed.splitlines():
         if (ROOT / name).is_file():
@@ -45,7 +45,7 @@ def main() -> None:
         copy(folder)
         cold = repro(folder)
         runs = [json.loads(path.read_text()) for path in (folder / ".lessbench" / "runs").glob("*.json")]
-        nothing = min(repro(folder) for _ in range(2))
+        idle = min(repro(folder) for _ in range(2))
     useful = sum(run["seconds"] for run in runs)
     by_stage: dict[str, float] = {}
     for run in runs:
@@ -59,13 +59,13 @@ def main() -> None:
             ("useful, inside the stages", f"{useful:.0f} s"),
             ("useful / cold", f"{useful / cold:.2f}"),
             ("the rest, per stage", f"{(cold - useful) / len(runs):.2f} s"),
-            ("nothing to do", f"{nothing:.2f} s"),
+            ("nothing to do", f"{idle:.2f} s"),
             ("longest stages, all tasks together", ", ".join(f"{stage} {took:.0f} s" for stage, took in longest)),
         ],
     )
     record(
         "repro",
-        {"cold, s": cold, "useful, s": useful, "useful / cold": useful / cold, "nothing to do, s": nothing},
+        {"cold, s": cold, "useful, s": useful, "useful / cold": useful / cold, "nothing to do, s": idle},
     )
 
 

@@ -1,4 +1,4 @@
-"""Time and memory against the number of alternatives, from what `benchmarks/density.py` has kept."""
+"""Draws time and memory against the number of alternatives, from the results of `benchmarks/density.py`."""
 
 from __future__ import annotations
 
@@ -19,29 +19,27 @@ COLORS = (palette.BLUE, palette.ORANGE, palette.VERMILLION, palette.PINK)
 LARGEST = 10_000_000
 
 
-def draw_scale(known: Mapping[str, Any], path: Path, names: Sequence[str]) -> None:
-    """Write `path`, a PNG."""
+def draw_scale(costs: Mapping[str, Any], path: Path, names: Sequence[str]) -> None:
+    """Write the picture to `path`, as PNG."""
     with tempfile.TemporaryDirectory() as folder:
-        write_figure(Path(folder), "scale", _figure(known, names))
+        write_figure(Path(folder), "scale", _figure(costs, names))
         path.write_bytes((Path(folder) / "scale.png").read_bytes())
 
 
 @in_style
-def _figure(known: Mapping[str, Any], names: Sequence[str]) -> Figure:
+def _figure(costs: Mapping[str, Any], names: Sequence[str]) -> Figure:
     figure = new_figure(TEXT_IN, 2.9)
     time, memory = figure.subplots(1, 2)
     for name, rgb, marker in zip(names, COLORS, "osD^", strict=True):
         for axes, unit in ((time, "processor s"), (memory, "MB")):
-            sizes, values = series(known, name, unit)
+            sizes, values = series(costs, name, unit)
             if not len(sizes):
                 continue
             axes.plot(sizes, values, color=color(rgb), marker=marker, markersize=3.5, label=name)
             if axes is time and len(sizes) > 1 and sizes[-1] < LARGEST:
                 growth = Growth.fitted(sizes.tolist(), values.tolist())
-                onwards = np.geomspace(sizes[-1], LARGEST, 20)
-                axes.plot(
-                    onwards, [growth.at(size) for size in onwards], color=color(rgb), linestyle=":", linewidth=0.8
-                )
+                beyond = np.geomspace(sizes[-1], LARGEST, 20)
+                axes.plot(beyond, [growth.at(size) for size in beyond], color=color(rgb), linestyle=":", linewidth=0.8)
     for axes, title, label in (
         (time, "Time; dotted: by its own growth", "processor time (s)"),
         (memory, "Memory", "peak memory of the process (MB)"),
@@ -54,8 +52,8 @@ def _figure(known: Mapping[str, Any], names: Sequence[str]) -> Figure:
     return figure
 
 
-def series(known: Mapping[str, Any], name: str, unit: str) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes and values of one line, by size."""
+def series(costs: Mapping[str, Any], name: str, unit: str) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes and values of one line, in ascending order of size."""
     pattern = re.compile(rf"{re.escape(name)}, N = (\d+), {re.escape(unit)}")
-    found = sorted((int(match[1]), float(known[key])) for key in known if (match := pattern.fullmatch(key)))
-    return np.array([size for size, _ in found]), np.array([value for _, value in found])
+    points = sorted((int(match[1]), float(costs[key])) for key in costs if (match := pattern.fullmatch(key)))
+    return np.array([size for size, _ in points]), np.array([value for _, value in points])

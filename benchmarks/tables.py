@@ -1,7 +1,7 @@
-"""What a stage does alone for every row of a large set, however many workers compute: `python -m benchmarks.tables`.
+"""Times of reading and writing tables, which a stage does alone for every row: `python -m benchmarks.tables`.
 
-Rows of a million alternatives of seven joints and 41 waypoints, their three features and their densities, in parts of
-50,000, written and found again by their keys as the stages do.
+The tables hold a million alternatives of seven joints and 41 waypoints, with three features and densities. They are
+written in parts of 50,000 rows, and their keys are read again as the stages do.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def alternatives(part: int) -> pl.DataFrame:
     waypoints = rng.normal(size=(PARTITION, JOINTS, WAYPOINTS)).cumsum(axis=2).astype(np.float32)
     return pl.DataFrame(
         {
-            "alternative_id": ids(part), "anchor": "task", "sampler": "deformation", "set_size": COUNT, "set_id": "working",
-            "waypoints": waypoints,
+            "alternative_id": ids(part), "anchor": "task", "sampler": "deformation", "set_size": COUNT,
+            "set_id": "working", "waypoints": waypoints,
         }
     )  # fmt: skip
 
@@ -57,18 +57,18 @@ def densities(part: int) -> pl.DataFrame:
 
 
 def written(name: str, make: Callable[[int], pl.DataFrame]) -> tuple[float, tuple[float, float]]:
-    """Seconds to write the table; bytes of it, and seconds to find its sets again."""
+    """Seconds to write a table, its size in bytes, and seconds to read its keys."""
     with tempfile.TemporaryDirectory() as folder:
-        path, took = Path(folder) / f"{name}.parquet", 0.0
+        path, writing_s = Path(folder) / f"{name}.parquet", 0.0
         with table_writer(path, name, {}) as writer:
             for part in range(PARTS):
                 rows = make(part)
-                took += timed(writer.write, rows)[0]
-        return took, (path.stat().st_size, timed(checked, path, name)[0])
+                writing_s += timed(writer.write, rows)[0]
+        return writing_s, (path.stat().st_size, timed(checked, path, name)[0])
 
 
 def checked(path: Path, name: str) -> int:
-    """One pass over the keys, as a stage begins with; how many sets there are."""
+    """Check the keys in one pass, as every stage does first, and return the number of sets."""
     with TaskTables({name: path}) as tables:
         tables.check()
         return len(tables.contents(name).sets)
@@ -78,14 +78,14 @@ def main() -> None:
     costs, rows = {}, []
     for name, make in (("alternatives", alternatives), ("features", features), ("densities", densities)):
         run = measured(written, name, make, times=3)
-        size, finding = run.result
+        size, reading_s = run.result
         costs |= {
             f"{name}, written, us per row": run.seconds / COUNT * 1e6,
-            f"{name}, keys read, us per row": finding / COUNT * 1e6,
+            f"{name}, keys read, us per row": reading_s / COUNT * 1e6,
             f"{name}, bytes per row": size / COUNT,
         }
-        rows.append((name, *(f"{costs[f'{name}, {what}']:.3g}" for what in (
-            "written, us per row", "keys read, us per row", "bytes per row"))))  # fmt: skip
+        units = ("written, us per row", "keys read, us per row", "bytes per row")
+        rows.append((name, *(f"{costs[f'{name}, {unit}']:.3g}" for unit in units)))
     show("Tables of a million alternatives", ("table", "written, us a row", "keys read, us a row", "bytes a row"), rows)
     record("tables", costs)
 

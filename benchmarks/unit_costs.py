@@ -1,4 +1,4 @@
-"""Unit costs for the cost model of the engines, pipeline/choice/kernel/cost_model.py: `python -m benchmarks.unit_costs`."""
+"""Predictions of pipeline/choice/kernel/cost_model.py beside measured times: `python -m benchmarks.unit_costs`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _fft(sizes: tuple[int, ...], sign: int) -> str:
-    """A transform of one point, which is all FFT."""
+    """Time of a transform of one point, nearly all of which is the FFT, per point of the grid."""
     oversampling = 1.6
     shape = [int(size / oversampling) for size in sizes]
     plan = finufft.Plan(1, shape, eps=1e-12, isign=sign, nthreads=1, upsampfac=oversampling)

@@ -72,7 +72,7 @@ def held_out_score(
         alternatives: (N, F) scaled features of the choice set.
         thetas: (K, F) reward weights.
         betas: (B,) inverse temperatures.
-        log_prior: (K, B), or (K,) for all betas alike; uniform if not given.
+        log_prior: (K, B), or (K,) the same for all betas; uniform if not given.
         similarity: (N, D) what the model compares instead of the features.
         demonstration_similarity: (n, D) the same for demonstrations outside the set.
 
@@ -90,11 +90,11 @@ def held_out_score(
 
 
 def held_out_from(log_likelihoods: ArrayLike, log_prior: ArrayLike | None = None) -> HeldOutScore:
-    """The held-out score from log likelihoods that are at hand.
+    """The held-out score, from log likelihoods that were computed before.
 
     Args:
         log_likelihoods: (n, K, B) from `log_likelihood`, n >= 2.
-        log_prior: (K, B), or (K,) for all betas alike; uniform if not given.
+        log_prior: (K, B), or (K,) the same for all betas; uniform if not given.
 
     Returns:
         The score.
@@ -109,12 +109,12 @@ def held_out_from(log_likelihoods: ArrayLike, log_prior: ArrayLike | None = None
             "demonstrations, (n, K, B) without NaN."
         )
     relative = likelihoods - peak(likelihoods, axis=(1, 2))
-    # Sums before and after each demonstration: subtracting it from the total would cancel digits.
-    before = np.zeros_like(likelihoods)
-    np.cumsum(relative[:-1], axis=0, out=before[1:])
-    after = np.zeros_like(likelihoods)
-    after[:-1] = np.cumsum(relative[:0:-1], axis=0)[::-1]
-    log_others = checked_prior(log_prior, likelihoods.shape[1:]) + before + after
+    # The sum over the others is that before plus that after. Subtracting from the sum over all would cost digits.
+    sum_before = np.zeros_like(likelihoods)
+    np.cumsum(relative[:-1], axis=0, out=sum_before[1:])
+    sum_after = np.zeros_like(likelihoods)
+    sum_after[:-1] = np.cumsum(relative[:0:-1], axis=0)[::-1]
+    log_others = checked_prior(log_prior, likelihoods.shape[1:]) + sum_before + sum_after
     return HeldOutScore(log_sum_exp(log_others + likelihoods, axis=(1, 2)) - log_sum_exp(log_others, axis=(1, 2)))
 
 
@@ -122,7 +122,7 @@ def compare_held_out(a: HeldOutScore, b: HeldOutScore) -> HeldOutScore:
     """Paired difference a - b, demonstration by demonstration: its mean and its standard error.
 
     Raises:
-        ArgumentError: the scores are not of the same number of demonstrations.
+        ArgumentError: the two scores have different numbers of demonstrations.
     """
     if len(a.log_predictive) != len(b.log_predictive):
         raise ArgumentError(

@@ -1,4 +1,4 @@
-"""The hypotheses theta over which a posterior is formed."""
+"""The reward directions theta over which a posterior is formed."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def theta_grid(per_feature_values: Sequence[Sequence[float]], sign: int = -1) ->
     weights = weights[np.any(weights != 0, axis=1)]
     if len(weights) == 0:
         raise ArgumentError("per_feature_values holds only zeros; a direction needs one weight that is not zero.")
-    scaled = weights / np.abs(weights).max(axis=1, keepdims=True)  # no overflow in the norm
+    scaled = weights / np.abs(weights).max(axis=1, keepdims=True)  # so that the norm cannot overflow
     directions = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-    # Equal directions differ in their last digits.
+    # Rounded first: two weight vectors of one direction may differ in their last digits.
     index = distinct_rows(directions.round(12)).index
-    first = np.sort(np.unique(index, return_index=True)[1])
-    return np.asarray(sign * directions[first] + 0.0)
+    first_rows = np.sort(np.unique(index, return_index=True)[1])
+    return np.asarray(sign * directions[first_rows] + 0.0)  # -0.0 becomes 0.0

@@ -36,7 +36,7 @@ class Posterior:
 
     @property
     def log_marginal_theta(self) -> FloatArray:
-        """(K,) log posterior of each theta, beta summed out."""
+        """(K,) log posterior of each theta, summed over beta."""
         return log_sum_exp(self.log_probability, axis=1)
 
     @property
@@ -46,12 +46,12 @@ class Posterior:
 
     @property
     def map_index(self) -> int:
-        """Row of the most probable theta; the first of equals."""
+        """Row of the most probable theta; the first one if several are equal."""
         return int(np.argmax(self.log_marginal_theta))
 
     @property
     def map_theta(self) -> FloatArray:
-        """(F,) the most probable theta, beta summed out; the first of equals."""
+        """(F,) the most probable theta, summed over beta; the first one if several are equal."""
         return np.asarray(self.thetas[self.map_index])
 
 
@@ -67,7 +67,7 @@ def infer(
 ) -> Posterior:
     """The posterior over hypotheses given all demonstrations together.
 
-    b'(theta, beta) is proportional to b(theta, beta) prod_d p(d | theta, beta): demonstrations are independent.
+    b'(theta, beta) is proportional to b(theta, beta) prod_d p(d | theta, beta), as demonstrations are independent.
 
     >>> from pipeline.choice import Boltzmann
     >>> posterior = infer(Boltzmann(), [2], [[0.0], [1.0], [2.0]], thetas=[[-1.0], [1.0]])
@@ -82,7 +82,7 @@ def infer(
         alternatives: (N, F) scaled features of the choice set.
         thetas: (K, F) reward weights; a cost has a negative weight.
         betas: (B,) inverse temperatures, positive.
-        log_prior: (K, B), or (K,) for all betas alike; need not be normalised; uniform if not given.
+        log_prior: (K, B), or (K,) the same for all betas; need not be normalised; uniform if not given.
         similarity: (N, D) what the model compares instead of features: waypoints, a link incidence matrix.
         demonstration_similarity: (n, D) the same for demonstrations outside the set.
 
@@ -127,14 +127,14 @@ def infer_sequential(
 def posterior_from(
     log_likelihoods: ArrayLike, thetas: ArrayLike, betas: ArrayLike = (1.0,), log_prior: ArrayLike | None = None
 ) -> Posterior:
-    """The posterior from log likelihoods that are at hand, of one demonstration or of several together.
+    """The posterior from log likelihoods that were computed before, of one demonstration or of several.
 
     Args:
-        log_likelihoods: (n, K, B) from `log_likelihood`, any subset of its first axis (none gives the prior), or
-            their sum (K, B).
+        log_likelihoods: (n, K, B), some or all of the rows of `log_likelihood` (no row gives the prior), or (K, B),
+            their sum.
         thetas: (K, F) reward weights.
         betas: (B,) inverse temperatures.
-        log_prior: (K, B), or (K,) for all betas alike; uniform if not given.
+        log_prior: (K, B), or (K,) the same for all betas; uniform if not given.
 
     Returns:
         The posterior.
@@ -151,7 +151,8 @@ def posterior_from(
             f"{shape} without NaN is needed."
         )
     likelihoods = likelihoods.reshape(-1, *shape)
-    # A far demonstration is improbable under every hypothesis; what they share would cost the others' digits.
+    # A demonstration far from the set is improbable under every hypothesis. Its largest log likelihood cancels in the
+    # posterior, so it is subtracted first: left in, it would cost the other demonstrations their digits.
     log_joint = checked_prior(log_prior, shape) + (likelihoods - peak(likelihoods, axis=(1, 2))).sum(axis=0)
     if not np.max(log_joint) > -np.inf:
         raise ArgumentError("log_prior excludes every hypothesis under which the demonstrations are possible.")
@@ -159,7 +160,7 @@ def posterior_from(
 
 
 def predict(posterior: Posterior, model: Model, alternatives: ArrayLike, similarity: Any = None) -> FloatArray:
-    """Probability that each alternative is chosen, all hypotheses considered.
+    """Probability that each alternative is chosen, averaged over the posterior.
 
     p(i) = sum_{theta, beta} b(theta, beta) p(i | theta, beta)
 
@@ -196,7 +197,7 @@ def checked_prior(log_prior: ArrayLike | None, shape: tuple[int, int]) -> FloatA
     """`log_prior` as a normalised (K, B) array.
 
     Raises:
-        ArgumentError: it has another shape, holds NaN or +inf, or excludes everything.
+        ArgumentError: it has another shape, holds NaN or +inf, or excludes every hypothesis.
     """
     if log_prior is None:
         return np.full(shape, -np.log(shape[0] * shape[1]))

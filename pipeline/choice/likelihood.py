@@ -1,4 +1,7 @@
-"""Log likelihood of demonstrations under every hypothesis, each with its own joined choice set."""
+"""Log likelihoods of demonstrations under every hypothesis.
+
+A demonstration outside the choice set joins it: it is chosen from the alternatives and itself.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,10 @@ from pipeline.choice.models import Model, WeightedSet
 from pipeline.choice.validation import inverse_temperatures, matrix
 from pipeline.errors import ArgumentError
 
-# Joined weights of a group of demonstrations: 256 MB.
+# Joined weights that are held at once, for a group of demonstrations: 256 MB.
 _GROUP = 32_000_000
-_LARGEST_CHANGE = 300.0  # of a log weight by a joining trajectory; that of LESS is at most log 2
+# The most that a joining trajectory may change a log weight of the set. Under LESS it is at most log 2.
+_LARGEST_CHANGE = 300.0
 
 
 def log_probabilities(
@@ -65,7 +69,7 @@ def log_likelihood(
     """Log probability of each demonstration under each hypothesis.
 
     A demonstration outside the set is chosen from the alternatives and itself: its weight is part of the
-    normaliser, and the weights of the alternatives are those of the joined set. Each demonstration has its own.
+    normaliser, and the weights of the alternatives are those of the joined set. Each demonstration joins by itself.
 
     Args:
         model: the choice model.
@@ -100,11 +104,11 @@ class ChoiceSet:
     """Alternatives, their weights under a model, and the hypotheses, all checked.
 
     Attributes:
-        features: (N, F).
-        weights: of the alternatives, from what the model compares.
-        thetas: (K, F).
-        betas: (B,).
-        similarity: (N, D) as given, or None.
+        features: (N, F) scaled features of the alternatives.
+        weights: log weights of the alternatives under the model.
+        thetas: (K, F) reward weights.
+        betas: (B,) inverse temperatures.
+        similarity: (N, D) what the model compares instead of the features, or None.
     """
 
     features: FloatArray
@@ -129,13 +133,13 @@ class ChoiceSet:
         return cls(features, model.weigh(compared), theta, beta, similarity)
 
     def utilities(self, features: FloatArray) -> FloatArray:
-        """(K B, M) beta theta . phi, less that of the hypothesis's best alternative: small numbers keep their digits."""
+        """(K B, M) beta theta . phi minus its largest value over the set: small differences keep their digits."""
         gains = self._rewards(features) - self._best_rewards[:, None]
         return np.asarray((gains[:, None, :] * self.betas[:, None]).reshape(-1, len(features)))
 
     def _rewards(self, features: FloatArray) -> FloatArray:
-        """(K, M) theta . (phi - phi_0) with phi_0 the least of each feature: a common offset costs no digits."""
-        # einsum and not BLAS, whose sums depend on the number of threads.
+        """(K, M) theta . (phi - phi_0), with phi_0 the least value of each feature: a common offset costs no digits."""
+        # einsum, because sums by BLAS depend on the number of threads.
         return np.asarray(np.einsum("kf,mf->km", self.thetas, features - self._origin))
 
     @cached_property
@@ -158,8 +162,8 @@ class ChoiceSet:
     def log_normaliser(self, joined: FloatArray | None = None) -> FloatArray:
         """(n, K B) logsumexp over the alternatives with the weights (n, N) of each joined set; or (1, K B) without.
 
-        One exponential per alternative and hypothesis serves all demonstrations: joining changes a weight by a bounded
-        ratio, so the terms that are largest under the set's own weights stay far from underflow.
+        One exponential per alternative and hypothesis serves all demonstrations: joining changes each weight by a
+        bounded ratio, so the largest terms of the set without demonstrations stay far from underflow.
         """
         log_w = self.weights.log_w
         parts = (
@@ -178,14 +182,14 @@ def _log_likelihood_of_rows(choice: ChoiceSet, rows: IndexArray) -> FloatArray:
 
 
 def _log_likelihood_outside(choice: ChoiceSet, features: FloatArray, compared: Any) -> FloatArray:
-    """(n, K B), demonstrations in groups whose joined weights fit into one block."""
+    """(n, K B) log likelihoods, computed for groups of demonstrations whose joined weights fit into memory."""
     utilities = choice.utilities(features).T
     log_likelihoods = np.empty_like(utilities)
     step = max(_GROUP // len(choice.features), 1)
     for start in range(0, len(features), step):
         group = range(start, min(start + step, len(features)))
         joined = [choice.weights.joined(compared[[index]]) for index in group]
-        chosen = utilities[group] + np.array([own for _, own in joined])[:, None]
+        chosen = utilities[group] + np.array([log_w for _, log_w in joined])[:, None]
         weights = np.array([log_w for log_w, _ in joined])
         change = float(np.abs(weights - choice.weights.log_w).max())
         if not change <= _LARGEST_CHANGE:
@@ -199,7 +203,7 @@ def _log_likelihood_outside(choice: ChoiceSet, features: FloatArray, compared: A
 
 
 def _rows(demonstrations: ArrayLike, count: int) -> IndexArray | None:
-    """The demonstrations as rows of the set, if that is what they are."""
+    """(n,) rows of the set, or None if the demonstrations are given by their features."""
     array = np.asarray(demonstrations)
     if array.ndim != 1 or array.dtype.kind not in "iu":
         return None
@@ -211,7 +215,7 @@ def _rows(demonstrations: ArrayLike, count: int) -> IndexArray | None:
 
 
 def _outside(choice: ChoiceSet, features: FloatArray, similarity: Any) -> Any:
-    """What the model compares of demonstrations outside the set."""
+    """(n, D) what the model compares for demonstrations outside the set."""
     if (similarity is None) != (choice.similarity is None):
         raise ArgumentError(
             "similarity and demonstration_similarity go together for demonstrations outside the set; "
@@ -221,7 +225,7 @@ def _outside(choice: ChoiceSet, features: FloatArray, similarity: Any) -> Any:
 
 
 def _compared(name: str, similarity: Any, count: int) -> Any:
-    """`similarity` as an array that can be indexed by rows, dense or sparse, one row per trajectory."""
+    """`similarity` as a dense array or a sparse one that can be indexed by rows, one row per trajectory."""
     array = similarity.tocsr() if hasattr(similarity, "tocsr") else matrix(name, similarity)
     if array.ndim != 2 or array.shape[0] != count:
         raise ArgumentError(f"{name} has shape {array.shape}; two axes with {count} rows are needed.")

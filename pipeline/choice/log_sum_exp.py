@@ -1,4 +1,4 @@
-"""Log normalisers of every hypothesis, part by part: partial sums that add up, of any number of alternatives."""
+"""The log normaliser of every hypothesis, computed part by part over a choice set of any size."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pipeline.choice.logspace import log, peak
 from pipeline.choice.validation import inverse_temperatures, matrix, vector
 from pipeline.errors import ArgumentError
 
-# Terms in one block: 16 MB.
+# Terms that are held at once: 16 MB.
 BLOCK = 2_000_000
 
 
@@ -30,10 +30,10 @@ class LogSumExp:
 
     @classmethod
     def of(cls, terms: FloatArray, ratios: FloatArray | None = None) -> LogSumExp:
-        """Of the terms (H, M) of one part: sum_j r_nj exp(term_hj) with ratios (n, M), or one sum with r = 1."""
+        """The sums over one part, sum_j r_nj exp(term_hj), with terms (H, M) and ratios r (n, M); one if not given."""
         largest = peak(terms, axis=1)
         values = np.exp(terms - largest)
-        # einsum and not BLAS, whose sums depend on the number of threads
+        # einsum, because sums by BLAS depend on the number of threads
         total = values.sum(axis=1)[None] if ratios is None else np.einsum("hj,nj->nh", values, ratios)
         return cls(largest[:, 0], total)
 
@@ -59,7 +59,8 @@ def partial_normaliser(
     """What one part of the alternatives adds to the normalisers: sum_j exp(beta theta . (phi_j - origin) + log_w_j).
 
     >>> rows, weights = [[0.0], [1.0], [2.0]], [0.0, 0.0, 0.0]
-    >>> parts = [partial_normaliser(rows[part], weights[part], [[1.0]], [1.0], [0.0]) for part in (slice(2), slice(2, 3))]
+    >>> parts = [partial_normaliser(rows[part], weights[part], [[1.0]], [1.0], [0.0])
+    ...          for part in (slice(2), slice(2, 3))]
     >>> (parts[0] + parts[1]).value.round(6)  # log(1 + e + e^2)
     array([[2.407606]])
 
@@ -68,7 +69,7 @@ def partial_normaliser(
         log_w: (M,) log weights of the part in the whole set.
         thetas: (K, F) reward weights.
         betas: (B,) inverse temperatures.
-        origin: (F,) subtracted from all features, the same for all parts: a point near them, so that digits are kept.
+        origin: (F,) subtracted from all features, the same for all parts. A point near them keeps their digits.
         joined_log_w: (n, M) log weights of the part when each of n demonstrations has joined the whole set.
 
     Returns:
@@ -98,7 +99,7 @@ def log_likelihood_joined(
     betas: ArrayLike,
     origin: ArrayLike,
 ) -> FloatArray:
-    """Log probability of demonstrations outside the set, each of which joins it, from the normalisers of the set.
+    """Log probability of demonstrations that each join the set, from the normalisers of the joined sets.
 
     Args:
         normaliser: the sum of `partial_normaliser` over all parts, with the weights of each joined set.
@@ -106,13 +107,13 @@ def log_likelihood_joined(
         own_log_w: (n,) log weight of each demonstration in the set it has joined.
         thetas: (K, F) reward weights.
         betas: (B,) inverse temperatures.
-        origin: (F,) as in the parts.
+        origin: (F,) the one that `partial_normaliser` was given.
 
     Returns:
-        (n, K, B) log likelihoods, what `log_likelihood` returns for the whole set; `posterior_from` takes them.
+        (n, K, B) log likelihoods, as `log_likelihood` returns them for the whole set.
 
     Raises:
-        ArgumentError: an argument is out of range, or the normaliser is of other demonstrations or hypotheses.
+        ArgumentError: an argument is out of range, or the normaliser has other numbers of demonstrations or hypotheses.
     """
     features = matrix("demonstrations", demonstrations)
     slopes, centre = _slopes(thetas, betas, features.shape[1]), vector("origin", origin, length=features.shape[1])

@@ -1,4 +1,4 @@
-"""The stable primitives of log space."""
+"""Sums of exponentials and logs that neither overflow nor raise warnings."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ def log_sum_exp(values: FloatArray, axis: int | tuple[int, ...] | None = None) -
 
 
 def peak(values: FloatArray, axis: int | tuple[int, ...] | None = None) -> FloatArray:
-    """The largest of `values` along `axis`, which is kept; 0 where all are -inf, as -inf - -inf would be NaN."""
+    """The largest value along `axis`, whose length becomes 1; 0 where all are -inf, as -inf - -inf would be NaN."""
     largest = np.max(values, axis=axis, keepdims=True)
     return np.asarray(np.where(np.isfinite(largest), largest, 0.0))
 
 
 def log(values: FloatArray) -> FloatArray:
-    """log(values) with log(0) = -inf, which is meant wherever this is called."""
+    """log(values), where log(0) is -inf and raises no warning."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(values))
 

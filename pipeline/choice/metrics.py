@@ -11,7 +11,7 @@ from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.validation import vector
 from pipeline.errors import ArgumentError
 
-# Probabilities closer than this are one value that was rounded differently.
+# Probabilities whose relative difference is below this are equal: they differ by rounding.
 TIE_TOLERANCE = 1e-9
 
 
@@ -37,8 +37,8 @@ def true_posterior(marginal: ArrayLike, k: int) -> float:
 def true_match(marginal: ArrayLike, k: int) -> float:
     """Whether the most probable theta is the true one: 1 or 0, and 1/m where m thetas share the maximum.
 
-    Hypotheses that the features cannot tell apart have equal posteriors; counting the first of them as the maximum
-    would reward the order of the grid. 1/m is what a fair draw among them scores on average.
+    Hypotheses that the features cannot tell apart have equal posteriors. To count the first of them as the maximum
+    would reward the order of the grid; 1/m is what a fair draw among them scores on average.
 
     >>> true_match([0.4, 0.4, 0.2], 1)
     0.5
@@ -105,7 +105,7 @@ def divergences(log_posteriors: FloatArray) -> FloatArray:
     """
     log_p, log_q = log_posteriors[..., :, None, :], log_posteriors[..., None, :, :]
     with np.errstate(invalid="ignore"):
-        ratios = np.where(log_p == -np.inf, 0.0, log_p - log_q)  # a term with P_k = 0 is 0
+        ratios = np.where(log_p == -np.inf, 0.0, log_p - log_q)  # where P_k = 0 the term is 0
         pairs = np.einsum("...pk,...pqk->...pq", np.exp(log_posteriors), ratios)
     return np.asarray(np.where((ratios == np.inf).any(axis=-1), np.inf, pairs))
 

@@ -1,9 +1,9 @@
-"""How people choose: one softmax, and a log weight per alternative that differs between the models.
+"""How people choose: a softmax in which each model gives every alternative its own log weight.
 
 log p(i | theta, beta) = beta theta . phi_i + log_w_i - logsumexp_j (beta theta . phi_j + log_w_j)
 
-A model sees a choice set through what it *compares*, one row per alternative: the features unless the caller
-gives something else (waypoints for similarity in trajectory space, the link incidence matrix for paths).
+What a model *compares* has one row per alternative. It is the features unless the caller gives something else
+(waypoints for similarity in trajectory space, the link incidence matrix for paths).
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class WeightedSet:
 
     Attributes:
         log_w: (N,) log weights of the alternatives.
-        joined: given the compared row (1, D) of a trajectory outside the set, the log weights of the set joined by
-            it: (N,) of the alternatives and that of the trajectory. All else, a bandwidth say, stays that of
-            the alternatives alone.
+        joined: a function of the compared row (1, D) of a trajectory outside the set. It returns the log weights of
+            the set that this trajectory has joined: (N,) of the alternatives, and that of the trajectory. All else,
+            such as the bandwidth, stays as it is for the alternatives alone.
     """
 
     log_w: FloatArray
@@ -52,11 +52,11 @@ class Model(Protocol):
         """The model's name in tables."""
 
     def weigh(self, compared: Any) -> WeightedSet:
-        """The weights of a set of N alternatives from what the model compares, (N, D)."""
+        """The log weights of a set of N alternatives, from what the model compares (N, D)."""
 
 
 class _Weighing:
-    """What all models share: log weights straight from features. `choice_model` finds every subclass by its name."""
+    """The base class of all models. `choice_model` finds every subclass by its name."""
 
     name: ClassVar[str]
 
@@ -80,7 +80,7 @@ class _Weighing:
 
         Raises:
             ArgumentError: an array has the wrong shape or content.
-            BandwidthError: a bandwidth is asked for that cannot be selected.
+            BandwidthError: the bandwidth cannot be selected.
         """
         return self.weigh(features if similarity is None else similarity).log_w
 
@@ -96,8 +96,8 @@ class Boltzmann(_Weighing):
     name: ClassVar[str] = vocabulary.BOLTZMANN
 
     def weigh(self, compared: Any) -> WeightedSet:
-        """All weights are one, with or without a joining trajectory."""
-        # Weights that are all one need no content: a sparse link incidence matrix will do.
+        """All weights are one, also when a trajectory has joined the set."""
+        # Only the number of rows matters here, so a sparse link incidence matrix will do as well.
         count = int(compared.shape[0]) if hasattr(compared, "tocsr") else len(matrix("features", compared))
         log_w = read_only(np.zeros(count))
         return WeightedSet(log_w, lambda row: (log_w, 0.0))
@@ -116,7 +116,7 @@ class AttributeRule(_Weighing):
     name: ClassVar[str] = vocabulary.ATTRIBUTE_RULE
 
     def weigh(self, compared: Any) -> WeightedSet:
-        """Weights from the rows that are identical number for number."""
+        """The log weights from how often each row occurs, number for number."""
         rows = matrix("features", compared)
         groups = distinct_rows(rows)
         log_w = read_only(0.0 - np.log(groups.counts[groups.index]))
@@ -125,7 +125,7 @@ class AttributeRule(_Weighing):
 
 @dataclass(frozen=True)
 class LESS(_Weighing):
-    """Choice that divides by how crowded an alternative's surroundings are.
+    """Choice in which the weight of an alternative is divided by how crowded its surroundings are.
 
     log_w_i = -log sum_j exp(-|phi_i - phi_j|^2 / (2 sigma^2)), over the whole set, i included.
 
@@ -136,7 +136,7 @@ class LESS(_Weighing):
         bandwidth: sigma, or how to select it from the alternatives: `leave-one-out`, `k-fold`, `literal`.
 
     Raises:
-        ArgumentError: `bandwidth` is neither.
+        ArgumentError: `bandwidth` is neither a positive number nor such a method.
 
     Source: paper, the LESS model and "Similarity as Density".
     """
@@ -146,7 +146,7 @@ class LESS(_Weighing):
 
     @classmethod
     def with_bandwidth(cls, bandwidth: str | float) -> Self:
-        """See `_Weighing`."""
+        """The model with this bandwidth of its kernel, or this way to select it."""
         return cls(bandwidth)
 
     def __post_init__(self) -> None:
@@ -158,7 +158,7 @@ class LESS(_Weighing):
             )
 
     def weigh(self, compared: Any) -> WeightedSet:
-        """Weights from the kernel sums, with the bandwidth selected once, from these rows."""
+        """The log weights from kernel sums, with the bandwidth selected once, from these rows."""
         rows = matrix("features", compared)
         sigma = select_bandwidth(rows, self.bandwidth).value
         log_sums = log_density(rows, sigma)
@@ -193,7 +193,7 @@ class PathSize(_Weighing):
             object.__setattr__(self, "lengths", read_only(check_lengths(self.lengths)))
 
     def weigh(self, compared: Any) -> WeightedSet:
-        """Weights from the incidence matrix of the paths' links."""
+        """The log weights from the link incidence matrix of the paths."""
         incidence = check_incidence(compared, None if self.lengths is None else len(self.lengths))
         lengths = np.ones(incidence.shape[1]) if self.lengths is None else self.lengths
         users = np.asarray(incidence.sum(axis=0), dtype=np.float64)
@@ -206,7 +206,7 @@ def choice_model(name: str, bandwidth: str | float) -> Model:
 
     Args:
         name: one of those in `pipeline.vocabulary`.
-        bandwidth: of the kernel, in scaled features, or how to select it; models without a kernel need none.
+        bandwidth: of the kernel, in scaled features, or how to select it; models without a kernel ignore it.
 
     Raises:
         ArgumentError: there is no model of that name.

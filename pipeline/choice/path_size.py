@@ -1,4 +1,4 @@
-"""Paths as sets of links, and how much of each path is its own."""
+"""Paths as sets of links, and how much of its length each path does not share with others."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def log_path_sizes(incidence: sparse.csr_array, lengths: FloatArray, users: Floa
     Returns:
         (N,) logs between -log N and 0.
     """
-    shares = lengths / np.maximum(users, 1.0)  # a link that no path uses is in no sum
+    shares = lengths / np.maximum(users, 1.0)  # a link that no path uses enters no sum; 1 avoids dividing by zero
     return np.asarray(np.log((incidence @ shares) / (incidence @ lengths)))
 
 
@@ -32,7 +32,7 @@ def check_lengths(lengths: ArrayLike) -> FloatArray:
     """`lengths` as a vector of positive numbers.
 
     Raises:
-        ArgumentError: they are not.
+        ArgumentError: a length is not positive and finite.
     """
     array = vector("lengths", lengths)
     if not np.all(array > 0):
@@ -44,7 +44,7 @@ def check_incidence(incidence: Any, links: int | None) -> sparse.csr_array:
     """`incidence` as a sparse (N, E) matrix of ones, each path with at least one link.
 
     Raises:
-        ArgumentError: it is not, or it has not `links` columns where that is given.
+        ArgumentError: it is not such a matrix, or `links` is given and is not its number of columns.
     """
     try:
         array = sparse.csr_array(incidence, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""One scale for the features of a task, found on its pool of alternatives, before any model or kernel sees them."""
+"""Scales of a task's features, computed from its pool of alternatives and used by all models and kernels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError
 
-ROUNDING = 1e-12  # of the largest value: a spread below is no spread, and scaled to size one it would be noise
+ROUNDING = 1e-12  # a spread below this share of the largest value is rounding noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class Spread:
     Attributes:
         count: number of rows.
         lower, upper: (F,) least and greatest value.
-        mean, variance: (F,) of the rows.
+        mean, variance: (F,) population mean and variance.
     """
 
     count: int
@@ -31,7 +31,7 @@ class Spread:
 
     @classmethod
     def of(cls, features: FloatArray) -> Spread:
-        """Of the rows of (N, F)."""
+        """The spread of features (N, F)."""
         lower, upper = features.min(axis=0), features.max(axis=0)
         return cls(len(features), lower, upper, features.mean(axis=0), features.var(axis=0))
 
@@ -55,7 +55,7 @@ class Spread:
     def scale(
         self, method: str | Mapping[str, float], names: Sequence[str], demonstrations: Spread | None = None
     ) -> FloatArray:
-        """What each feature is divided by; see `feature_scale`."""
+        """(F,) what each feature is divided by; see `feature_scale`."""
         if isinstance(method, Mapping):
             missing = [name for name in names if name not in method]
             if missing:
@@ -70,8 +70,8 @@ class Spread:
         if method == "none":
             return np.ones(len(names))
         wider = self if demonstrations is None else self + demonstrations
-        own = self.upper - self.lower if method == "range" else np.sqrt(self.variance)
-        return np.where(self.varies, own, np.where(wider.varies, wider.upper - wider.lower, 1.0))
+        scales = self.upper - self.lower if method == "range" else np.sqrt(self.variance)
+        return np.where(self.varies, scales, np.where(wider.varies, wider.upper - wider.lower, 1.0))
 
 
 def feature_scale(
@@ -82,12 +82,13 @@ def feature_scale(
 ) -> FloatArray:
     """What each feature is divided by.
 
-    A feature that is the same for all alternatives tells nothing about choices among them, so its scale hardly matters:
-    where demonstrations differ in it, it is the range of both together, so that they differ by one; else it is 1.
+    A feature that is the same for all alternatives tells nothing about choices among them, so its scale hardly matters.
+    If demonstrations differ from the alternatives in it, the scale is the range over both, else 1.
 
     Args:
         features: (N, F) raw values over the task's whole pool of alternatives, so that all its sets share one scale.
-        method: `range` (max - min), `std` (population standard deviation), `none` (1), or a constant per name (others are not looked at).
+        method: `range` (max - min), `std` (population standard deviation), `none` (1), or constants by name, of which
+            those of other features are ignored.
         names: (F,) feature names.
         demonstrations: (n, F) raw values of the demonstrations; None if there are none.
 
@@ -97,5 +98,5 @@ def feature_scale(
     Raises:
         ArgumentError: the method is unknown, or a constant is missing.
     """
-    also = None if demonstrations is None or not len(demonstrations) else Spread.of(demonstrations)
-    return Spread.of(features).scale(method, names, also)
+    further = None if demonstrations is None or not len(demonstrations) else Spread.of(demonstrations)
+    return Spread.of(features).scale(method, names, further)

@@ -1,8 +1,8 @@
-"""A choice set that is never in memory as a whole: what each part of it adds to kernel sums and to likelihoods.
+"""Kernel sums and likelihoods of a choice set that is never in memory as a whole: what each part of it adds.
 
-Every sum over the set is a sum over its parts: of sketches, of log kernel sums at given points, of normalisers. Parts are
-added in a fixed order; their numbers agree with those of the whole set in memory to rounding, and those of sketches to the
-error bound of `kernel/fourier.py`.
+Sketches, kernel sums at given points and normalisers of the set are sums over its parts, added in a fixed order. They
+agree with those of the whole set in memory to rounding, and those from sketches to the error bound of
+`kernel/fourier.py`.
 """
 
 from __future__ import annotations
@@ -28,15 +28,24 @@ from pipeline.vocabulary import BOLTZMANN, LESS
 
 STREAMED_MODELS = (BOLTZMANN, LESS)
 """The models whose likelihoods are sums over parts of a set."""
-_JOINED = 4_000_000  # joined weights that are held at once: 32 MB
+_JOINED = 4_000_000  # weights of joined sets that are held at once: 32 MB
 
 
 def sketch_slabs(
     lower: Sequence[float], upper: Sequence[float], sigma: float, total: int, rows: int, memory_bytes: float
 ) -> tuple[Slab, ...] | None:
-    """The fewest slabs of the box for parts of up to `rows` of the `total` rows, or None if no sketch will do.
+    """Cuts the box of a set into the fewest slabs whose transforms fit into memory.
 
-    That is for more than three features, or where a part's transforms in 64 slabs would still take more than `memory_bytes`.
+    Args:
+        lower: (F,) least value of each feature.
+        upper: (F,) largest value of each feature.
+        sigma: the kernel's bandwidth.
+        total: number of rows of the set.
+        rows: number of rows of its largest part.
+        memory_bytes: working memory that the transform of one part may use.
+
+    Returns:
+        The slabs; None if there are more than three features, or if 64 slabs would not fit into memory either.
     """
     if len(lower) > DIMENSIONS:
         return None
@@ -53,26 +62,26 @@ def sketch_slabs(
 
 
 def sketch_seconds(slabs: Sequence[Slab], total: int, rows: int) -> float:
-    """What the transforms of all parts take on one core: every slab's, for each part, there and back.
+    """Predicted seconds on one core for the transforms of all parts: two for each slab and part.
 
-    Each slab is taken to hold all rows of a part, which bounds what they add.
+    It is an upper bound, because every slab is counted as if it held all rows of a part.
     """
     return sum(2 * cost_model.transform_seconds(slab.grid, rows) for slab in slabs) * -(-total // rows)
 
 
 def sketch_of_part(rows: ArrayLike, grid: Grid) -> Sketch:
-    """What a part adds to the sketch of its set."""
+    """The sketch of the rows (M, F) of a part; the sum over all parts is the sketch of their set."""
     groups = distinct_rows(matrix("rows", rows))
     return Sketch.of(groups.rows, grid, groups.counts)
 
 
 def slab_of_part(rows: ArrayLike, slab: Slab) -> Sketch:
-    """What a part adds to the sketch of a slab and its halo."""
+    """The sketch of those rows of a part that lie in a slab or its halo; the sum over all parts is that of the set."""
     features = matrix("rows", rows)
-    around = slab.around(features)
-    if not around.any():
+    sketched = slab.contains_or_adjoins(features)
+    if not sketched.any():
         return Sketch(slab.grid, np.zeros(slab.grid.shape, dtype=np.complex128), 0.0)
-    return sketch_of_part(features[around], slab.grid)
+    return sketch_of_part(features[sketched], slab.grid)
 
 
 def log_sums_of_part(
@@ -81,46 +90,52 @@ def log_sums_of_part(
     """Log kernel sums over the whole set at the rows (M, F) of a part, from the sketches of the set's slabs.
 
     Returns:
-        (M,) log sums, and (M,) where the error may be more than 1e-6 of the sum, so that they do not count.
+        (M,) log sums, and (M,) which of them are to be discarded as their relative error may be above 1e-6.
     """
     groups = distinct_rows(matrix("rows", rows))
     sums, errors = np.ones(len(groups.rows)), np.zeros(len(groups.rows))
-    beyond = NEGLIGIBLE if len(slabs) > 1 else 0.0
+    error_beyond_halo = NEGLIGIBLE if len(slabs) > 1 else 0.0
     for slab, sketch in zip(slabs, sketches, strict=True):
-        own = slab.own(groups.rows)
-        if own.any():
-            sums[own], error = sketch.sums(groups.rows[own], sigma)
-            errors[own] = error + beyond
-    sums = np.maximum(sums, groups.counts)  # identical rows alone make so much
-    wrong = sums * RELATIVE_ERROR < errors
-    return np.log(sums)[groups.index], wrong[groups.index]
+        inside = slab.contains(groups.rows)
+        if inside.any():
+            sums[inside], error = sketch.sums(groups.rows[inside], sigma)
+            errors[inside] = error + error_beyond_halo
+    sums = np.maximum(sums, groups.counts)  # identical rows alone add up to their number
+    inaccurate = sums * RELATIVE_ERROR < errors
+    return np.log(sums)[groups.index], inaccurate[groups.index]
 
 
 def log_sums_over_part(points: ArrayLike, rows: ArrayLike, sigma: float) -> FloatArray:
-    """(M,) log kernel sums at any points over the rows of one part; `np.logaddexp` adds those of other parts."""
+    """(M,) log kernel sums at any points (M, F) over the rows of one part; `np.logaddexp` adds those of other parts."""
     groups = distinct_rows(matrix("rows", rows))
     return Neighbours(groups.rows, groups.counts).log_sums_at(matrix("points", points), sigma)
 
 
 def others_in_part(points: FloatArray, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(M,) how often each distinct point is a row of the part, and (M,) squared distance to its nearest other row.
+    """How often points (M, F) that are rows of a set occur in one part of it, and how far its other rows are.
 
-    The first adds up over parts, of the second the least counts.
+    Returns:
+        (M,) how often each point is a row of the part, whose sum over all parts is that for the set; and (M,) squared
+        distances to the nearest row of the part that is not the point, whose least over all parts is that for the set.
     """
-    both = distinct_rows(np.concatenate([points, rows]))
-    own = np.bincount(both.index[len(points) :], minlength=len(both.rows))[both.index[: len(points)]]
+    combined = distinct_rows(np.concatenate([points, rows]))
+    occurrences_of_distinct = np.bincount(combined.index[len(points) :], minlength=len(combined.rows))
+    occurrences = occurrences_of_distinct[combined.index[: len(points)]]
     groups, nearest = distinct_rows(rows), np.empty(len(points))
     neighbours = Neighbours(groups.rows, groups.counts)
-    for here in (own > 0, own == 0):
-        if here.any():
-            nearest[here] = neighbours.nearest(points[here], others=bool(own[here][0]))
-    return own.astype(np.float64), nearest
+    for selected, are_rows in ((occurrences > 0, True), (occurrences == 0, False)):
+        if selected.any():
+            nearest[selected] = neighbours.nearest(points[selected], others=are_rows)
+    return occurrences.astype(np.float64), nearest
 
 
 def log_sums_of_others_in_part(
     points: FloatArray, rows: FloatArray, sigmas: FloatArray, negligible: float
 ) -> FloatArray:
-    """(K, M) log kernel sums over the rows of a part that are not the point; `np.logaddexp` adds those of other parts."""
+    """(K, M) log kernel sums at points (M, F) over those rows of a part that differ from the point, for K bandwidths.
+
+    `np.logaddexp` adds those of other parts.
+    """
     groups = distinct_rows(rows)
     neighbours = Neighbours(groups.rows, groups.counts)
     inside = neighbours.nearest(points) == 0
@@ -134,11 +149,12 @@ def log_sums_of_others_in_part(
 
 @dataclass(frozen=True, eq=False)
 class JoinedSums:
-    """What parts of a choice set add to the likelihoods of n demonstrations that each join it. They add up, in order.
+    """What parts of a choice set add to the likelihoods of n demonstrations that each join it; add them in order.
 
     Attributes:
-        normaliser: of every hypothesis, for each demonstration; for all alike if the model has no weights.
-        log_kernel: (n,) log kernel sums at the demonstrations, or None without weights.
+        normaliser: partial normalisers of every hypothesis for each demonstration; the same for all demonstrations
+            under Boltzmann, which has no weights.
+        log_kernel: (n,) log kernel sums at the demonstrations; None under Boltzmann.
     """
 
     normaliser: LogSumExp
@@ -152,12 +168,12 @@ class JoinedSums:
     def log_likelihood(
         self, demonstrations: ArrayLike, thetas: ArrayLike, betas: ArrayLike, origin: ArrayLike
     ) -> FloatArray:
-        """(n, K, B) what `log_likelihood` returns for the whole set; arguments as in `joined_sums`."""
+        """(n, K, B) log likelihoods, if these sums are over all parts of the set; arguments as in `joined_sums`."""
         points = matrix("demonstrations", demonstrations)
-        own = np.zeros(len(points)) if self.log_kernel is None else own_log_weights(self.log_kernel)
-        every = np.broadcast_to(self.normaliser.total, (len(points), self.normaliser.total.shape[1]))
-        normaliser = LogSumExp(self.normaliser.peak, every)
-        return log_likelihood_joined(normaliser, points, own, thetas, betas, origin)
+        log_w = np.zeros(len(points)) if self.log_kernel is None else own_log_weights(self.log_kernel)
+        totals = np.broadcast_to(self.normaliser.total, (len(points), self.normaliser.total.shape[1]))
+        normaliser = LogSumExp(self.normaliser.peak, totals)
+        return log_likelihood_joined(normaliser, points, log_w, thetas, betas, origin)
 
 
 def joined_sums(
@@ -169,7 +185,7 @@ def joined_sums(
     log_densities: ArrayLike | None = None,
     sigma: float = 1.0,
 ) -> JoinedSums:
-    """What one part of a choice set adds, under LESS, or under Boltzmann if no densities are given.
+    """What one part of a choice set adds to the likelihoods under LESS, or under Boltzmann if no densities are given.
 
     >>> from pipeline.choice import Boltzmann, log_likelihood
     >>> rows, chosen, thetas = [[0.0], [1.0], [2.0]], [[0.5]], [[1.0]]
@@ -184,8 +200,8 @@ def joined_sums(
         demonstrations: (n, F) scaled features of trajectories outside the set.
         thetas: (K, F) reward weights.
         betas: (B,) inverse temperatures.
-        origin: (F,) as in `partial_normaliser`.
-        log_densities: (M,) log kernel sums over the whole set at the part's rows.
+        origin: (F,) subtracted from all features, the same for all parts. A point near them keeps their digits.
+        log_densities: (M,) log kernel sums over the whole set at the part's rows; None for Boltzmann.
         sigma: the kernel's bandwidth.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Argument checks of the public edge: each names the argument, what was got, what is allowed and what to do."""
+"""Checks of public arguments: each error names the argument, what it was, what is allowed and what to do."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 
-# Squared differences of larger numbers would overflow.
+# The largest number allowed: squared differences of larger ones would overflow.
 LARGEST = 1e150
 
 
@@ -16,7 +16,7 @@ def matrix(name: str, values: ArrayLike, columns: int | None = None) -> FloatArr
     """`values` as a float64 (N, F) array with N, F >= 1 and finite entries no larger than 1e150.
 
     Raises:
-        ArgumentError: `values` is something else, or has not `columns` columns where that is given.
+        ArgumentError: `values` is something else, or `columns` is given and is not its number of columns.
     """
     array = _floats(name, values)
     if array.ndim != 2:
@@ -35,7 +35,7 @@ def matrix(name: str, values: ArrayLike, columns: int | None = None) -> FloatArr
 
 
 def vector(name: str, values: ArrayLike, length: int | None = None) -> FloatArray:
-    """`values` as a float64 vector of finite entries, not empty, of `length` where that is given."""
+    """`values` as a float64 vector of finite entries: at least one, or exactly `length` where that is given."""
     array = _floats(name, values)
     if array.ndim != 1 or array.size == 0:
         raise ArgumentError(f"{name} has shape {array.shape}; one axis with at least one number is needed.")
@@ -64,10 +64,10 @@ def inverse_temperatures(betas: ArrayLike) -> FloatArray:
 
 def check_finite(name: str, array: FloatArray) -> None:
     """Refuse NaN, infinity and numbers beyond 1e150, and say where the first one is."""
-    # Not `> LARGEST`: a comparison with NaN is false.
-    wrong = ~(np.abs(array) <= LARGEST)
-    if wrong.any():
-        place = tuple(int(index) for index in np.argwhere(wrong)[0])
+    # `> LARGEST` would let NaN pass: a comparison with NaN is false.
+    refused = ~(np.abs(array) <= LARGEST)
+    if refused.any():
+        place = tuple(int(index) for index in np.argwhere(refused)[0])
         raise ArgumentError(
             f"{name} contains {array[place]} at {list(place)}; finite numbers up to {LARGEST:g} are needed: "
             "drop or repair that entry at its source."

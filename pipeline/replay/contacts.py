@@ -1,7 +1,7 @@
 """Whether an arm touches itself or its surroundings on its way, by MuJoCo's own contacts, meshes included.
 
-Which geoms may touch is what the scene says: `contype` and `conaffinity`, `exclude`, and MuJoCo's rule that a body does not
-touch its parent. Of what touches, only that counts whose distance the joints can change.
+Which geoms may touch is what the scene says: `contype` and `conaffinity`, `exclude`, and MuJoCo's rule that a body does
+not touch its parent. Of what touches, only that counts whose distance the joints can change.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class Contacts:
         if not self._anything_can_touch():
             raise SceneError(
                 f"{scene.path}: nothing that the joints move can touch anything, as no geom's contype meets another's "
-                "conaffinity or contacts are disabled; give the arm geoms that collide, or set the task's collisions to false."
+                "conaffinity or contacts are disabled; give the arm geoms that collide, or set the task's collisions "
+                "to false."
             )
 
     def free(self, waypoints: FloatArray) -> BoolArray:

@@ -1,4 +1,4 @@
-"""What a robot and its scene look like, and where its bodies are: the material of a picture, taken from the compiled model.
+"""What a robot and its scene look like, and where its bodies are: the material of a picture, from the compiled model.
 
 The shapes are those MuJoCo's own viewer shows by default (geom groups 0 to 2; groups from 3 on hold collision
 geometry by convention). They are logged once; `body_poses` says where they go at each configuration.
@@ -114,8 +114,8 @@ def _shape(model: Any, geom: int) -> Shape:
     name = model.geom(geom).name or f"{kind}_{geom}"
     if kind is None:
         raise SceneError(
-            f"geom {model.geom(geom).name or geom} has MuJoCo type {int(model.geom_type[geom])}, which cannot be drawn; "
-            f"allowed are {', '.join(KINDS)}: put it in a geom group from 3 on to leave it out."
+            f"geom {model.geom(geom).name or geom} has MuJoCo type {int(model.geom_type[geom])}, which cannot be "
+            f"drawn; allowed are {', '.join(KINDS)}: put it in a geom group from 3 on to leave it out."
         )
     vertices, faces = _mesh(model, int(model.geom_dataid[geom])) if kind == "mesh" else _no_mesh()
     return Shape(

@@ -72,7 +72,7 @@ class Solid:
         )
 
     def reach(self, directions: FloatArray) -> FloatArray:
-        """How far it reaches along unit vectors (3, m), measured from the frame's origin, (m,) m; exact but for meshes."""
+        """(m,) m, how far it reaches from the frame's origin along unit vectors (3, m); exact except for meshes."""
         if self.kind is None:
             return np.asarray((dotted(self.points, directions) + self.radii[:, None]).max(axis=0))
         return np.asarray(
@@ -84,7 +84,9 @@ _TYPES = mujoco.mjtGeom
 _REACHES: dict[int, Callable[[FloatArray, FloatArray], FloatArray]] = {
     int(_TYPES.mjGEOM_SPHERE): lambda along, size: size[0],
     int(_TYPES.mjGEOM_CAPSULE): lambda along, size: size[0] + size[1] * np.abs(along[2]),
-    int(_TYPES.mjGEOM_CYLINDER): lambda along, size: size[0] * np.hypot(along[0], along[1]) + size[1] * np.abs(along[2]),
+    int(_TYPES.mjGEOM_CYLINDER): lambda along, size: (
+        size[0] * np.hypot(along[0], along[1]) + size[1] * np.abs(along[2])
+    ),
     int(_TYPES.mjGEOM_BOX): lambda along, size: dotted(size[None], np.abs(along))[0],
     int(_TYPES.mjGEOM_ELLIPSOID): lambda along, size: np.sqrt(dotted(size[None] ** 2, along**2)[0]),
 }  # fmt: skip

@@ -57,7 +57,8 @@ class Planning:
     def scales(self, rng: np.random.Generator) -> FloatArray:
         """(F,) what each term is divided by: its range over deformations of the straight path.
 
-        Infinite for a term that is the same for all of them: no path can be planned for it, so its weight has no effect.
+        Infinite for a term that is the same for all of them: no path can be planned for it, so its weight has no
+        effect.
 
         Raises:
             StageError: hardly any deformation keeps to the room.

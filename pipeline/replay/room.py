@@ -1,4 +1,4 @@
-"""Where an arm may be between a start and a goal: within its joints' limits, above the surface, and, if asked, untouching."""
+"""Where an arm may be between a start and a goal: within limits, above the surface and, if asked, touching nothing."""
 
 from __future__ import annotations
 
@@ -139,10 +139,12 @@ def _surface(scene: Scene, name: str, anchor: Anchor, whose: str, remarks: list[
     deepest = float(depths.max())
     if not deepest:
         return top
-    what = f"{('start', 'goal')[int(depths.argmax())]} of {whose} has the arm or what it carries {100 * deepest:.2g} cm under {name!r}"
+    end = ("start", "goal")[int(depths.argmax())]
+    what = f"{end} of {whose} has the arm or what it carries {100 * deepest:.2g} cm under {name!r}"
     if deepest > YIELD_M:
         raise StageError(
-            f"{what}, {100 * YIELD_M:g} cm are tolerated; lower the site in {scene.path}, or set the task's surface to null"
+            f"{what}, {100 * YIELD_M:g} cm are tolerated; lower the site in {scene.path}, or set the task's surface to "
+            "null"
         )
     remarks.append(f"{what}; paths may go as deep")
     return Surface(scene, name, deepest)
@@ -156,8 +158,8 @@ def _contacts(scene: Scene, anchor: Anchor, whose: str, remarks: list[str]) -> C
             what = f"{name} of {whose} has {contacts.named(pair)} {100 * depth:.2g} cm in each other"
             if depth > TOUCH_M:
                 raise StageError(
-                    f"{what}, {100 * TOUCH_M:g} cm are tolerated; move them in {scene.path}, or, where they may overlap, "
-                    "add them to its <contact> as <exclude body1=... body2=.../>"
+                    f"{what}, {100 * TOUCH_M:g} cm are tolerated; move them in {scene.path}, or, where they may "
+                    "overlap, add them to its <contact> as <exclude body1=... body2=.../>"
                 )
             remarks.append(f"{what}; paths may have them as deep")
             allowed[pair] = max(depth, allowed.get(pair, 0.0))

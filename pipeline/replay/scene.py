@@ -46,7 +46,8 @@ class Scene:
         continuous: (J,) true for hinges without limits, which reach the same pose in every turn.
         start, goal: (J,) the keyframes of these names, None where the file has none.
         end_effector: name of the body or site whose path matters.
-        rig: what a configuration of the J joints sets in MuJoCo, and what all else keeps: keyframe `start`, else the model.
+        rig: what a configuration of the J joints sets in MuJoCo, and what all else keeps: keyframe `start`, else the
+            model.
         chain: what the J joints move, for replay.
         remarks: what is odd about the scene, or not followed in it, a phrase each.
     """
@@ -149,8 +150,9 @@ class Scene:
 def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Sequence[str] | None = None) -> Scene:
     """Read and compile an MJCF file.
 
-    Joints that an equality constraint makes follow others are computed from those (see `couplings`), bodies that an active
-    weld ties to the arm are carried by it (see `attachments`), and mocap bodies are where keyframe `start` has them.
+    Joints that an equality constraint makes follow others are computed from those (see `couplings`), bodies that an
+    active weld ties to the arm are carried by it (see `attachments`), and mocap bodies are where keyframe `start` has
+    them.
 
     Args:
         path: the MJCF file; files it includes are found from its folder.

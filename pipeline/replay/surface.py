@@ -1,4 +1,4 @@
-"""Whether what an arm moves stays above a surface: its links, the end effector, and all that the end effector carries."""
+"""Whether what an arm moves stays above a surface: its links, the end effector, and all that it carries."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ class _Load:
 class Surface:
     """The top of a site of type box, which nothing that the joints move may go under, within its extent.
 
-    Its top is its face towards its own +z, its extent that of the box in x and y, with the scene at rest. Of the arm's links
-    the origins count. Of the end effector's body and all that it carries, bodies below it and welded to it, the solids count
-    too, and the sites by their origins.
+    Its top is its face towards its own +z, its extent that of the box in x and y, with the scene at rest. Of the arm's
+    links the origins count. Of the end effector's body and all that it carries, bodies below it and welded to it, the
+    solids count too, and the sites by their origins.
 
     Args:
         scene: from `load_scene`.

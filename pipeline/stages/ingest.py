@@ -155,7 +155,8 @@ class Found:
         clocks = sorted({row["clock"] for row in self.rows})
         mixed = (
             [
-                f"times are of different clocks: {', '.join(_counted(self.rows, clock) for clock in clocks)}; set ingest.clock"
+                f"times are of different clocks: {', '.join(_counted(self.rows, clock) for clock in clocks)}; set "
+                "ingest.clock"
             ]
             if len(clocks) > 1
             else []

@@ -241,9 +241,9 @@ def _given(project: Project, scene: Scene, ends: Sequence[Ends], notes: list[str
         if size > pool.size:
             left_out = f" ({pool.notes[0]})" if pool.notes else ""
             raise StageError(
-                f"a set of {size} is wanted, and {pool.size} of the {len(given.waypoints)} trajectories of sample.given can be "
-                f"used for anchor {one.label!r}{left_out}; lower sample.sizes or working_set, or, where the surface leaves too "
-                "many out, set the task's surface to null"
+                f"a set of {size} is wanted, and {pool.size} of the {len(given.waypoints)} trajectories of "
+                f"sample.given can be used for anchor {one.label!r}{left_out}; lower sample.sizes or working_set, or, "
+                "where the surface leaves too many out, set the task's surface to null"
             )
         chosen, tally = pool.choose(child_rng(project.params.seed, "sample", one.key, size, set_id, GIVEN), size)
         for first, count in cut(size, partition):

@@ -89,8 +89,8 @@ def run(project: Project, name: str) -> None:
         absent = {label: why for one in drawn for label, why in one.absent.items()}
         if len(specs) - len(absent) < FEWEST:
             raise StageError(
-                f"of robustness.samplers, {len(specs) - len(absent)} can draw for every anchor and {FEWEST} are needed to "
-                f"compare: {next(iter(absent.values()))}"
+                f"of robustness.samplers, {len(specs) - len(absent)} can draw for every anchor and {FEWEST} are "
+                f"needed to compare: {next(iter(absent.values()))}"
             )
         record.notes += [f"the study goes without the sampler {label!r}: {why}" for label, why in absent.items()]
         record.notes += shortened([note for one in drawn for note in one.notes])

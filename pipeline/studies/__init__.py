@@ -1,1 +1,1 @@
-"""The experiments of the paper and ours: tables in, tables out; no file is opened here."""
+"""The experiments of the paper and further ones. They take tables and return tables; no file is opened here."""

@@ -1,4 +1,4 @@
-"""Do observed choices follow a model's probabilities: Pearson's test of difference, Wellek's test of equivalence."""
+"""Whether observed choices follow a model's probabilities: Pearson's test of fit and Wellek's test of equivalence."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 
-_SUM_TOLERANCE = 1e-9  # of probabilities that should sum to one
+_SUM_TOLERANCE = 1e-9  # how far the sum of probabilities may be from one
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class ChiSquareTest:
     Attributes:
         statistic: sum_j (x_j - n p_j)^2 / (n p_j).
         degrees_of_freedom: number of categories minus one.
-        p_value: chance of a larger statistic if the probabilities were right.
+        p_value: probability of a larger statistic if the choices follow the probabilities.
     """
 
     statistic: float
@@ -38,7 +38,7 @@ class EquivalenceTest:
         squared_distance: ||p_hat - p_0||^2.
         standard_error: estimated standard error v / sqrt(n) of the squared distance.
         critical_value: eps^2 - z_{1-alpha} v / sqrt(n).
-        equivalent: squared_distance < critical_value: a distance of eps or more is rejected at level alpha.
+        equivalent: whether squared_distance < critical_value, so that a distance of eps or more is rejected.
     """
 
     squared_distance: float
@@ -55,7 +55,7 @@ def chi_square_test(counts: ArrayLike, probabilities: ArrayLike) -> ChiSquareTes
         probabilities: (k,) the model's probabilities, all positive, with sum one.
 
     Raises:
-        ArgumentError: the counts or probabilities are not of this kind.
+        ArgumentError: counts or probabilities are not as described, or a probability is zero.
     """
     from scipy.stats import chi2
 
@@ -81,10 +81,10 @@ def wellek_test(counts: ArrayLike, probabilities: ArrayLike, epsilon: float, alp
         alpha: level of the test, in (0, 0.5].
 
     Raises:
-        ArgumentError: an argument is not of this kind.
+        ArgumentError: an argument is not as described.
 
     Source: S. Wellek, Testing Statistical Hypotheses of Equivalence and Noninferiority, 2nd ed. (2010), section 9.1,
-    equations 9.2 to 9.5; the R package EQUIVNONINF has it as `gofsimpt`.
+    equations 9.2 to 9.5, and the function `gofsimpt` of the R package EQUIVNONINF.
     """
     if not (np.isfinite(epsilon) and epsilon > 0):
         raise ArgumentError(f"epsilon is {epsilon}; it must be a positive distance.")
@@ -96,8 +96,8 @@ def wellek_test(counts: ArrayLike, probabilities: ArrayLike, epsilon: float, alp
 def wellek_minimum_epsilon(counts: ArrayLike, probabilities: ArrayLike, alpha: float = 0.05) -> float:
     """The smallest distance for which `wellek_test` would declare equivalence at level alpha.
 
-    epsilon_min = sqrt(||d||^2 + z_{1-alpha} v / sqrt(n)): every larger epsilon is declared equivalent, this one is
-    the boundary. It is also the upper confidence limit of the distance at confidence 1 - alpha.
+    It is sqrt(||d||^2 + z_{1-alpha} v / sqrt(n)); for every larger epsilon, equivalence is declared. It is also the
+    upper confidence limit of the distance at confidence 1 - alpha.
 
     Args:
         counts: (k,) how often each of k >= 2 categories was observed.
@@ -105,13 +105,14 @@ def wellek_minimum_epsilon(counts: ArrayLike, probabilities: ArrayLike, alpha: f
         alpha: level of the test, in (0, 0.5].
 
     Raises:
-        ArgumentError: an argument is not of this kind.
+        ArgumentError: an argument is not as described.
     """
     squared_distance, standard_error, quantile = _wellek(counts, probabilities, alpha)
     return sqrt(squared_distance + quantile * standard_error)
 
 
 def _wellek(counts: ArrayLike, probabilities: ArrayLike, alpha: float) -> tuple[float, float, float]:
+    """||d||^2, its standard error v / sqrt(n), and the quantile z_{1-alpha}."""
     from scipy.special import ndtri
 
     if not 0 < alpha <= 0.5:
@@ -119,7 +120,7 @@ def _wellek(counts: ArrayLike, probabilities: ArrayLike, alpha: float) -> tuple[
     x, p = _checked(counts, probabilities)
     observed = x / x.sum()
     d = observed - p
-    # the variance of d_J, where J is drawn from the observed shares: never below zero but for rounding
+    # v^2 / 4 is the variance of d_J, where J is drawn from the observed shares; in this form it is never negative
     mean = float(d @ observed)
     variance = 4.0 * float((d - mean) ** 2 @ observed)
     return float(d @ d), sqrt(variance / float(x.sum())), float(ndtri(1.0 - alpha))

@@ -1,8 +1,9 @@
-"""Section 3 of the paper: which model predicts people's choices once similar options are added?
+"""Section 3 of the paper: which model predicts people's choices after similar options have been added?
 
-A control group chooses among dissimilar options, one per group. Their shares give each group's reward,
-exp R_g proportional to its share. In the experimental trial a group may have several options, alike in reward and in
-features, and each model predicts the shares: Boltzmann for every option alone, LESS for options that share density.
+In the control trial people choose among dissimilar options, one per group. The shares give the reward of each group:
+exp R_g is proportional to its share. In the experimental trial a group may have several options with equal rewards and
+features, and each model predicts the shares. Boltzmann treats every option separately; under LESS, the options of a
+group divide its weight among them.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from pipeline.studies.goodness_of_fit import chi_square_test, wellek_minimum_eps
 COLUMNS = ("participant", "trial", "choice", "group")
 TRIALS = ("control", "experimental")
 
-# Similarity is by group alone: options of a group coincide, those of different groups are out of the kernel's reach.
+# Options of one group have the same location, those of different groups are out of the kernel's reach.
 _MODELS = (Boltzmann(), LESS(bandwidth=1.0))
-_FAR = 1000.0  # in bandwidths; the kernel exp(-10^6) is exactly zero
+_FAR = 1000.0  # distance between groups, in bandwidths: the kernel exp(-10^6) is exactly zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +32,10 @@ class HumanChoiceStudy:
     """Tables of the study.
 
     Attributes:
-        control: per group: `group`, `count`, `share` in the control trial.
+        control: one row per group: `group`, `count`, `share` in the control trial.
         predictions: `comparison` (`groups`: all groups; `options`: all options; `within`: the options of one group),
             `group`, `option` (null in `groups`), `model`, `count`, `observed` (share), `predicted` (probability).
-        tests: per comparison over `groups` and `options` and per model: `comparison`, `model`, `n`, `chi_square`,
+        tests: one row per model and comparison (`groups` and `options`): `comparison`, `model`, `n`, `chi_square`,
             `degrees_of_freedom`, `p_value`, `minimum_epsilon` (Wellek), `alpha`.
     """
 
@@ -46,16 +47,17 @@ class HumanChoiceStudy:
 def analyse_choices(
     choices: pl.DataFrame, options: Mapping[str, Sequence[str]] | None = None, alpha: float = 0.05
 ) -> HumanChoiceStudy:
-    """Compare the experimental trial's choices with what each model predicts from the control trial.
+    """Compare the choices in the experimental trial with those that each model predicts from the control trial.
 
     Args:
         choices: one row per participant: `participant`, `trial` (`control`, `experimental`), `choice` (any label) and
             `group` (any label).
-        options: the options on offer in the experimental trial, per group; those chosen at least once if not given.
+        options: for each group, the options on offer in the experimental trial. If not given, they are those that were
+            chosen at least once.
         alpha: level of Wellek's test.
 
     Raises:
-        TableError: the table is not of this kind; the message says which row or label.
+        TableError: the table is not as described; the message names the row or label.
         ArgumentError: alpha is out of range.
     """
     _check_rows(choices)
@@ -76,11 +78,14 @@ def analyse_choices(
 
 
 def compare_with_paper(study: HumanChoiceStudy) -> pl.DataFrame:
-    """The numbers the paper prints beside ours, for its own 77 choices.
+    """Compare the numbers that the paper prints with ours, for the paper's 77 choices.
 
     Returns:
-        `quantity`, `comparison`, `model` (null for observations), `printed`, `value`, `agrees` (ours rounds to the
-        printed figure) and `note`.
+        `quantity`, `comparison`, `model` (null for observations), `printed`, `value` (ours), `agrees` (`value` rounds
+        to the printed number) and `note`.
+
+    Raises:
+        TableError: the choices are not those of the paper.
     """
     counts = [
         study.control["count"].to_list(),
@@ -97,14 +102,14 @@ def compare_with_paper(study: HumanChoiceStudy) -> pl.DataFrame:
         ("observed share of left", "groups", None, "0.41", observed["left"], ""),
     ]
     for (comparison, model), printed in _PAPER.items():
-        fitted = study.tests.filter(_rows_of(comparison), model=model).row(0, named=True)
+        test = study.tests.filter(_rows_of(comparison), model=model).row(0, named=True)
         if comparison == "groups":
             left = study.predictions.filter(_rows_of("groups"), model=model, group="left")["predicted"].item()
             rows.append(("predicted share of left", comparison, model, printed["predicted"], left, ""))
         for quantity in ("chi_square", "p_value", "minimum_epsilon", "degrees_of_freedom"):
             if quantity in printed:
                 note = _MISPRINT if (comparison, quantity) == ("options", "degrees_of_freedom") else ""
-                rows.append((quantity, comparison, model, printed[quantity], float(fitted[quantity]), note))
+                rows.append((quantity, comparison, model, printed[quantity], float(test[quantity]), note))
     columns = ("quantity", "comparison", "model", "printed", "value", "note")
     table = pl.DataFrame(rows, schema=columns, orient="row")
     agrees = [
@@ -121,7 +126,8 @@ _PAPER: dict[tuple[str, str], dict[str, str]] = {
         "predicted": "0.23", "chi_square": "6.27", "degrees_of_freedom": "1", "minimum_epsilon": "0.39",
     },
     ("groups", LESS.name): {
-        "predicted": "0.475", "chi_square": "0.72", "degrees_of_freedom": "1", "p_value": "0.4", "minimum_epsilon": "0.22",
+        "predicted": "0.475", "chi_square": "0.72", "degrees_of_freedom": "1", "p_value": "0.4",
+        "minimum_epsilon": "0.22",
     },
     ("options", Boltzmann.name): {"chi_square": "9.72", "degrees_of_freedom": "1", "minimum_epsilon": "0.36"},
     ("options", LESS.name): {
@@ -134,7 +140,8 @@ def _check_rows(choices: pl.DataFrame) -> None:
     for name in COLUMNS:
         if name not in choices.columns:
             raise TableError(
-                f"choices lacks the column {name!r}; it has {', '.join(choices.columns)}, needed are {', '.join(COLUMNS)}."
+                f"choices lacks the column {name!r}; it has {', '.join(choices.columns)}, "
+                f"needed are {', '.join(COLUMNS)}."
             )
         if choices[name].null_count():
             row = int(choices[name].is_null().arg_max() or 0)
@@ -147,7 +154,8 @@ def _check_rows(choices: pl.DataFrame) -> None:
     repeated = choices.filter(choices["participant"].is_duplicated())
     if repeated.height:
         raise TableError(
-            f"participant {repeated['participant'][0]!r} has more than one row; each takes part in one trial, with one choice."
+            f"participant {repeated['participant'][0]!r} has more than one row; each takes part in one trial, "
+            "with one choice."
         )
 
 
@@ -156,13 +164,13 @@ def _control_shares(control: pl.DataFrame) -> pl.DataFrame:
     several = pairs.filter(pairs["group"].is_duplicated())
     if several.height:
         raise TableError(
-            f"the group {several['group'][0]!r} has the options {', '.join(map(str, several['choice'][:2]))} in the control "
-            "trial; needed is one option per group there."
+            f"the group {several['group'][0]!r} has the options {', '.join(map(str, several['choice'][:2]))} in the "
+            "control trial; needed is one option per group there."
         )
     if pairs.height < 2:
         raise TableError(f"the control trial has {pairs.height} groups that were chosen; needed are at least two.")
     counts = control.group_by("group").len("count").sort("group").with_columns(pl.col("count").cast(pl.Int64))
-    # numpy, because polars divides by a scalar as it multiplies by one over it
+    # numpy, because polars divides by a scalar by multiplying with its reciprocal, which rounds differently
     share = counts["count"].to_numpy() / counts["count"].sum()
     return counts.with_columns(share=pl.Series(share))
 
@@ -170,6 +178,7 @@ def _control_shares(control: pl.DataFrame) -> pl.DataFrame:
 def _offered(
     experimental: pl.DataFrame, groups: list[object], options: Mapping[str, Sequence[str]] | None
 ) -> pl.DataFrame:
+    """The options on offer in the experimental trial (`group`, `option`), checked and sorted."""
     chosen = experimental.select("group", option="choice").unique().sort("group", "option")
     offered = chosen
     if options is not None:
@@ -187,8 +196,8 @@ def _offered(
     missing = [group for group in groups if group not in offered["group"].to_list()]
     if missing:
         raise TableError(
-            f"the group {missing[0]!r} has no option in the experimental trial; if it was offered and nobody chose it, name "
-            "it in `options` (studies.human_choice.options in params.yaml)."
+            f"the group {missing[0]!r} has no option in the experimental trial; if it was offered and nobody chose it, "
+            "name it in `options` (studies.human_choice.options in params.yaml)."
         )
     extra = [group for group in offered["group"].to_list() if group not in groups]
     if extra:
@@ -205,10 +214,10 @@ def _counts(offered: pl.DataFrame, experimental: pl.DataFrame) -> IntArray:
 def _predictions(
     offered: pl.DataFrame, counts: IntArray, shares: pl.DataFrame, model: Boltzmann | LESS
 ) -> pl.DataFrame:
-    group_of = offered["group"].to_list()
+    option_groups = offered["group"].to_list()
     groups = shares["group"].to_list()
-    rewards = np.log([shares["share"][groups.index(group)] for group in group_of])
-    location = _FAR * np.array([[float(group == other) for other in groups] for group in group_of])
+    rewards = np.log([shares["share"][groups.index(group)] for group in option_groups])
+    location = _FAR * np.array([[float(option_group == group) for group in groups] for option_group in option_groups])
     p = np.exp(log_probabilities(model, rewards[:, None], [1.0], 1.0, similarity=location))
     options = offered.with_columns(count=pl.Series(counts), predicted=pl.Series(p))
     by_group = options.group_by("group", maintain_order=True).agg(
@@ -218,8 +227,8 @@ def _predictions(
         predicted=pl.col("predicted") / pl.col("predicted").sum().over("group"),
         total=pl.col("count").sum().over("group"),
     )
-    everyone = pl.lit(int(counts.sum()), dtype=pl.Int64).alias("total")
-    parts = {"groups": by_group.with_columns(everyone), "options": options.with_columns(everyone), "within": within}
+    total = pl.lit(int(counts.sum()), dtype=pl.Int64).alias("total")
+    parts = {"groups": by_group.with_columns(total), "options": options.with_columns(total), "within": within}
     return pl.concat(
         part.select(
             pl.lit(name).alias("comparison"),
@@ -227,7 +236,7 @@ def _predictions(
             "option",
             pl.lit(model.name).alias("model"),
             "count",
-            # a group that nobody chose has no shares within
+            # there are no observed shares within a group that nobody chose
             pl.when(pl.col("total") > 0).then(pl.col("count") / pl.col("total")).alias("observed"),
             "predicted",
         )

@@ -11,31 +11,36 @@ from pipeline.arrays import FloatArray
 from pipeline.choice import held_out_from, posterior_from
 from pipeline.vocabulary import ALL
 
-PART_ROWS = 1 << 18  # of the posteriors that are in memory at once, unless one alone has more hypotheses
+PART_ROWS = 1 << 18  # rows of posteriors that are in memory at once, unless one group alone has more hypotheses
 Group = tuple[str, str, list[int]]  # demonstration_id, participant, rows of the demonstrations
 
 
 def groups_of(people: pl.DataFrame) -> list[Group]:
-    """Each demonstration, each participant with several, and all together."""
+    """The groups that get a posterior: each demonstration, each participant with several of them, and all together.
+
+    Args:
+        people: the columns `demonstration_id` and `participant` of the demonstrations.
+    """
     rows: dict[str, list[int]] = {}
     singles: list[Group] = []
     for row, (demonstration_id, participant) in enumerate(people.iter_rows()):
         singles.append((demonstration_id, participant, [row]))
         rows.setdefault(participant, []).append(row)
-    several = [(ALL, participant, of) for participant, of in rows.items() if 1 < len(of) < len(singles)]
+    several = [(ALL, participant, theirs) for participant, theirs in rows.items() if 1 < len(theirs) < len(singles)]
     return [*singles, *several, (ALL, ALL, list(range(len(singles))))]
 
 
 def posterior_parts(
     groups: Sequence[Group], values: FloatArray, thetas: FloatArray, betas: FloatArray, about: Mapping[str, object]
 ) -> Iterator[pl.DataFrame]:
-    """Rows of `posteriors` for each group in turn, of some groups at a time, so that few are in memory.
+    """Rows of the table `posteriors`, group after group, in parts that are small enough for memory.
 
     Args:
         groups: from `groups_of`.
         values: (n, K, B) log likelihoods of the demonstrations.
-        thetas, betas: the hypotheses.
-        about: columns that are the same in all rows, with their value.
+        thetas: (K, F) reward weights.
+        betas: (B,) inverse temperatures.
+        about: columns that have one value in all rows, with that value.
     """
     columns = [pl.lit(value).alias(column) for column, value in about.items()]
     step = max(PART_ROWS // values[0].size, 1)
@@ -45,14 +50,14 @@ def posterior_parts(
 
 def _posterior_rows(groups: Sequence[Group], values: FloatArray, thetas: FloatArray, betas: FloatArray) -> pl.DataFrame:
     log_posterior = np.stack(
-        [posterior_from(values[of].sum(axis=0), thetas, betas).log_probability for _, _, of in groups]
+        [posterior_from(values[rows].sum(axis=0), thetas, betas).log_probability for _, _, rows in groups]
     )
     n, k, b = log_posterior.shape
-    of = np.repeat(np.arange(n), k * b)
+    group_index = np.repeat(np.arange(n), k * b)
     return pl.DataFrame(
         {
-            "demonstration_id": pl.Series([group[0] for group in groups]).gather(of),
-            "participant": pl.Series([group[1] for group in groups]).gather(of),
+            "demonstration_id": pl.Series([group[0] for group in groups]).gather(group_index),
+            "participant": pl.Series([group[1] for group in groups]).gather(group_index),
             "theta_id": np.tile(np.repeat(np.arange(k), b), n),
             "theta": np.tile(np.repeat(thetas, b, axis=0), (n, 1)),
             "beta": np.tile(betas, n * k),
@@ -63,11 +68,12 @@ def _posterior_rows(groups: Sequence[Group], values: FloatArray, thetas: FloatAr
 
 
 def held_out_rows(people: pl.DataFrame, values: FloatArray, about: Mapping[str, object]) -> pl.DataFrame:
-    """Rows of `held_out`: one per demonstration, none of fewer than two, as there are no others to predict it from.
+    """Rows of the table `held_out`: one per demonstration, or none if there is no other to predict it from.
 
     Args:
         people: the columns `demonstration_id` and `participant` of the demonstrations.
-        values, about: as in `posterior_parts`.
+        values: (n, K, B) log likelihoods of the demonstrations.
+        about: columns that have one value in all rows, with that value.
     """
     rows = people.with_columns(pl.lit(value).alias(column) for column, value in about.items())
     if people.height < 2:

@@ -1,7 +1,7 @@
 """Statistics of factorial designs within subjects: analysis of variance, Tukey's post-hoc test, logistic regression.
 
-Every table here has one row per subject and cell of the design: a column that names the subject, one column for each
-factor, and the dependent variable. Every subject must have been measured in every cell exactly once.
+A cell of the design is a combination of one level of each factor. Every table has exactly one row for each subject and
+cell, with a column that names the subject, one column for each factor, and the dependent variable.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ def repeated_measures_anova(table: pl.DataFrame, dependent: str, within: Sequenc
     Each effect has `df` orthonormal contrasts of the cells, and each subject a score on each of them. With n subjects,
     the mean m (df,) and the covariance S (df, df) of the scores, F = n m.m / tr S on df and df (n - 1) degrees of
     freedom: each effect is tested against its own interaction with the subjects. In a 2 x 2 design F is the square of
-    the paired t of the effect's contrast. The scores need not vary equally and independently (sphericity); p is
-    corrected for that by multiplying both degrees of freedom by (tr S)^2 / (df tr S^2) (Greenhouse and Geisser, "On
-    Methods in the Analysis of Profile Data", Psychometrika 24, 1959).
+    the paired t of the effect's contrast. The test assumes that the scores are independent with equal variances
+    (sphericity). Where they are not, p is corrected by multiplying both degrees of freedom by (tr S)^2 / (df tr S^2)
+    (Greenhouse and Geisser, "On Methods in the Analysis of Profile Data", Psychometrika 24, 1959).
 
     Args:
         table: one row per subject and cell.
@@ -36,8 +36,8 @@ def repeated_measures_anova(table: pl.DataFrame, dependent: str, within: Sequenc
 
     Returns:
         One row per effect (`a`, `b`, `a:b`): `effect`, `f`, `df_effect`, `df_error`, `p_value`,
-        `p_greenhouse_geisser` (the same as `p_value` for factors of two levels) and `partial_eta_squared`, the effect's
-        sum of squares as a share of that sum and the sum of squares of its error.
+        `p_greenhouse_geisser` (equal to `p_value` for factors of two levels) and `partial_eta_squared`, the effect's
+        sum of squares divided by itself plus that of its error.
 
     Raises:
         ArgumentError: the design is incomplete, or an effect has no error variance.
@@ -86,13 +86,14 @@ def tukey_hsd(
     """Tukey's honestly significant differences between all cells of a design within subjects.
 
     q = |difference| / sqrt(MS / n) is compared with the studentised range of k cells and (k - 1)(n - 1) degrees of
-    freedom, MS being the mean square of cells x subjects (Tukey's test in randomised blocks, the subject being the
-    block). With two cells it is the paired t test.
+    freedom, where MS is the mean square of cells x subjects (Tukey's test in randomised blocks, which here are the
+    subjects). With two cells it is the paired t test.
 
     Args:
         table, dependent, within, subject: as for `repeated_measures_anova`, with any number of factors.
-        confidence: of the simultaneous intervals.
-        same: a factor; only pairs of cells on the same level of it are returned, judged as part of all pairs.
+        confidence: confidence level of the simultaneous intervals.
+        same: name of a factor. If given, only pairs of cells with the same level of it are returned; the test still
+            accounts for all pairs.
 
     Returns:
         One row per pair of cells: each factor twice (`<factor>_a`, `<factor>_b`), `mean_a`, `mean_b`, `difference`
@@ -143,19 +144,18 @@ def repeated_logistic(table: pl.DataFrame, dependent: str, within: Sequence[str]
 
     logit P(yes) on all factors and their interactions, with standard errors that allow for the repeated measures of a
     subject: generalised estimating equations with one cluster per subject and robust (sandwich) errors (Liang and
-    Zeger, "Longitudinal Data Analysis Using Generalized Linear Models", Biometrika 73, 1986). The design is complete
-    and the model has a parameter for every cell, therefore the equations have one solution under every working
-    correlation: contrasts of the cells' log odds, with the errors that follow from the covariance of the cells across
-    subjects. Factors have two levels, coded -1/2 and +1/2 in sorted order, so a main effect is the log odds ratio
-    averaged over the other factor.
+    Zeger, "Longitudinal Data Analysis Using Generalized Linear Models", Biometrika 73, 1986). As the design is complete
+    and the model has a parameter for every cell, the equations have the same solution for every working correlation:
+    contrasts of the cells' log odds, with errors from the covariance of the cells across subjects. Factors have two
+    levels, coded -1/2 and +1/2 in sorted order, so a main effect is the log odds ratio averaged over the other factor.
 
     Args:
         table, dependent, within, subject: as for `repeated_measures_anova`; `dependent` holds 0/1 or booleans.
 
     Returns:
         One row per term (`a`, `b`, `a:b`): `term`, `log_odds_ratio`, `standard_error`, `z`, `p_value`, `odds_ratio`,
-        `ci_low`, `ci_high` (95 %, of the odds ratio). In a design with a cell where all or none are yes the odds are
-        infinite and there is nothing to estimate: all numbers are null.
+        `ci_low`, `ci_high` (95 % interval of the odds ratio). All numbers are null if in some cell all subjects or none
+        say yes, because the log odds are then infinite.
 
     Raises:
         ArgumentError: the design is incomplete, a factor has other than two levels, or the measure is not yes-or-no.
@@ -178,7 +178,13 @@ def repeated_logistic(table: pl.DataFrame, dependent: str, within: Sequence[str]
 
 @dataclass(frozen=True, eq=False)
 class _Design:
-    """A complete design: `values` (subjects, cells), the levels of each factor, and each cell's levels in order."""
+    """A complete design.
+
+    Attributes:
+        values: (subjects, cells) the dependent variable.
+        factors: the sorted levels of each factor.
+        cells: for each cell, its level of each factor.
+    """
 
     values: FloatArray
     factors: dict[str, list[str]]
@@ -217,7 +223,7 @@ class _Design:
 
 
 def _error_mean_square(design: _Design, dependent: str) -> float:
-    """Mean square of cells x subjects, with (k - 1)(n - 1) degrees of freedom."""
+    """The mean square of cells x subjects, which has (k - 1)(n - 1) degrees of freedom."""
     y = design.values
     residuals = y - y.mean(axis=0) - y.mean(axis=1, keepdims=True) + y.mean()
     mean_square: float = float((residuals**2).sum()) / ((y.shape[0] - 1) * (y.shape[1] - 1))
@@ -230,14 +236,15 @@ def _error_mean_square(design: _Design, dependent: str) -> float:
 
 
 def _is_rounding(variance: float, design: _Design) -> bool:
-    """Whether a variance of the measurements is no more than what rounding leaves of none."""
+    """Whether a variance of the measurements is so small that it may be zero but for rounding."""
     return variance <= (1e-12 * float(np.abs(design.values).max())) ** 2
 
 
 def _effects(factors: dict[str, list[str]]) -> Iterator[tuple[tuple[str, ...], FloatArray]]:
-    """The factors of each effect and its orthonormal contrasts (df, cells): main effects first, then interactions.
+    """For each effect, its factors and its orthonormal contrasts (df, cells); main effects first, then interactions.
 
-    They are Kronecker products: contrasts of the levels for a factor of the effect, the mean over them for any other.
+    The contrasts are Kronecker products of one matrix per factor: contrasts of its levels if it belongs to the effect,
+    else the mean over its levels.
     """
     from scipy.linalg import helmert
 
@@ -246,23 +253,22 @@ def _effects(factors: dict[str, list[str]]) -> Iterator[tuple[tuple[str, ...], F
         for name, levels in factors.items():
             k = len(levels)
             mean = np.full((1, k), 1 / sqrt(k))
-            contrasts = np.kron(contrasts, -helmert(k) if name in chosen else mean)  # later level minus earlier ones
+            contrasts = np.kron(contrasts, -helmert(k) if name in chosen else mean)  # each level minus those before it
         yield chosen, contrasts
 
 
 def _log_odds_ratios(design: _Design) -> tuple[FloatArray, ...]:
-    """Log odds ratio, its standard error, z and p, the odds ratio and both ends of its interval: each (effects,)."""
+    """Log odds ratios, standard errors, z, p, odds ratios, and lower and upper ends of intervals; each (effects,)."""
     from scipy.special import logit, ndtr, ndtri
 
     n, k = design.values.shape
-    # the coefficient of m factors coded -1/2, 1/2 is the sum of the cells' log odds times -2^m/k or 2^m/k; the
-    # orthonormal contrast has -1/sqrt(k) or 1/sqrt(k) in its place
+    # with factors coded -1/2 and 1/2, the coefficient of m factors is the sum of the cells' log odds times -2^m/k or
+    # 2^m/k, where the orthonormal contrast has -1/sqrt(k) or 1/sqrt(k)
     contrasts = np.concatenate([contrast * 2 ** len(chosen) / sqrt(k) for chosen, contrast in _effects(design.factors)])
     shares = design.values.mean(axis=0)
     estimates = contrasts @ logit(shares)
-    influence = (
-        (design.values - shares) / (shares * (1 - shares)) @ contrasts.T
-    )  # of each subject on n times an estimate
+    # the influence of each subject on n times each estimate
+    influence = (design.values - shares) / (shares * (1 - shares)) @ contrasts.T
     errors = np.sqrt((influence**2).sum(axis=0)) / n
     z = estimates / errors
     half_width = float(ndtri(0.975)) * errors

@@ -1,1 +1,1 @@
-"""Pure numerics of paths: time base, samplers, planning, simulated participants, grid-world paths."""
+"""Numerics of paths: time bases, samplers, planning, simulated participants, paths through a grid world."""

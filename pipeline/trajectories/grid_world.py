@@ -15,7 +15,7 @@ from scipy import sparse
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError
 
-MAX_SIZE = 12  # 705,432 paths; a cell more makes 2.7 million, past what fits in memory with comfort
+MAX_SIZE = 12  # 705,432 paths; size 13 has 2.7 million, too many for the memory of most machines
 
 Cells = IntArray
 
@@ -27,8 +27,8 @@ def shortest_paths(size: int) -> Cells:
         size: cells along each side, 2 to 12.
 
     Returns:
-        (N, 2 size - 1, 2) cells x, y of each path's steps, in the order of `itertools.combinations` over which of the
-        steps go right (the first path goes right first).
+        (N, 2 size - 1, 2) cells x, y of each path. `itertools.combinations` lists which steps go right, and the paths
+        are in that order: the first path starts with all its steps to the right.
 
     Raises:
         ArgumentError: the size is out of range.
@@ -51,8 +51,9 @@ def shortest_paths(size: int) -> Cells:
 def mean_distances(paths: Cells, objects: ArrayLike) -> FloatArray:
     """Mean Euclidean distance of each path's cells to each object, in cells.
 
-    A distance is sqrt(m) times a whole number, m without square factors, and these roots are linearly independent over
-    the rationals. Summing whole numbers per m first makes paths that are equally far get bit-identical features.
+    Every distance is a whole number times sqrt(m), with m free of squares, and these roots are linearly independent
+    over the rationals. The whole numbers are summed first, for each m, so that paths with equal mean distances have
+    features that are equal to the last bit.
 
     Args:
         paths: (N, T, 2) cells.
@@ -62,7 +63,7 @@ def mean_distances(paths: Cells, objects: ArrayLike) -> FloatArray:
         (N, F) mean distances.
 
     Raises:
-        ArgumentError: an object has no whole coordinates.
+        ArgumentError: the coordinates of an object are not whole numbers.
     """
     centres = np.asarray(objects)
     if centres.ndim != 2 or centres.shape[1] != 2 or not np.issubdtype(centres.dtype, np.integer):
@@ -77,9 +78,9 @@ def mean_positions(paths: Cells) -> FloatArray:
 
 
 def link_incidence(paths: Cells) -> sparse.csr_array:
-    """(N, E) which of the E links between neighbouring cells each path takes: 1 or 0, links in lexicographic order.
+    """(N, E) 1 where a path takes a link between neighbouring cells, else 0; the E links are in lexicographic order.
 
-    What the path-size model (`pipeline.choice.PathSize`) compares.
+    This matrix is what the path-size model (`pipeline.choice.PathSize`) compares.
     """
     side = int(paths.max()) + 1
     cell = paths[:, :, 0] * side + paths[:, :, 1]

@@ -1,6 +1,6 @@
-"""What can be summed up over one trajectory: the formulas behind the features.
+"""Sums over the waypoints of a trajectory: the formulas behind the features.
 
-A trajectory's first waypoint is where the robot already was; sums run over waypoints 1..T-1 (LESS, section 6, as the
+The robot is at the first waypoint before it moves, so sums run over waypoints 1 to T-1 (LESS, section 6, as the
 authors' lab defines its features on the arm).
 """
 
@@ -13,7 +13,7 @@ from pipeline.errors import ArgumentError
 
 
 def squared_steps(waypoints: FloatArray) -> FloatArray:
-    """sum_{t=1}^{T-1} |q_t - q_{t-1}|^2.
+    """Sum of squared steps, sum_{t=1}^{T-1} |q_t - q_{t-1}|^2.
 
     Args:
         waypoints: (N, T, J) rad or m; continuous joints unwrapped.
@@ -29,7 +29,7 @@ def squared_steps(waypoints: FloatArray) -> FloatArray:
 
 
 def path_lengths(positions: FloatArray) -> FloatArray:
-    """sum_{t=1}^{T-1} |x_t - x_{t-1}|.
+    """Length of each path, sum_{t=1}^{T-1} |x_t - x_{t-1}|.
 
     Args:
         positions: (N, T, D) m.
@@ -45,7 +45,7 @@ def path_lengths(positions: FloatArray) -> FloatArray:
 
 
 def summed_height(heights: FloatArray) -> FloatArray:
-    """sum_{t=1}^{T-1} z_t.
+    """Sum of heights, sum_{t=1}^{T-1} z_t.
 
     Args:
         heights: (N, T) m.
@@ -60,7 +60,7 @@ def summed_height(heights: FloatArray) -> FloatArray:
 
 
 def summed_closeness(positions: FloatArray, centre: FloatArray, radius_m: float) -> FloatArray:
-    """sum_{t=1}^{T-1} max(0, radius - horizontal distance of x_t to the centre).
+    """Closeness to a centre, sum_{t=1}^{T-1} max(0, radius - horizontal distance of x_t to the centre).
 
     Args:
         positions: (N, T, 2 or 3) m; a third coordinate is ignored.
@@ -83,12 +83,12 @@ def summed_closeness(positions: FloatArray, centre: FloatArray, radius_m: float)
     if not 0 < radius_m < np.inf:
         raise ArgumentError(f"radius_m is {radius_m}; it must be positive and finite.")
     offsets = (positions[..., :2] - centre[..., :2])[:, 1:]
-    distances = np.sqrt(offsets[..., 0] ** 2 + offsets[..., 1] ** 2)  # in metres nothing overflows, as hypot minds
+    distances = np.sqrt(offsets[..., 0] ** 2 + offsets[..., 1] ** 2)  # faster than hypot; nothing overflows
     return np.asarray(np.maximum(0.0, radius_m - distances).sum(axis=1))
 
 
 def summed_tilt(axes: FloatArray) -> FloatArray:
-    """sum_{t=1}^{T-1} of the angle between an axis and the vertical, atan2(|horizontal part|, z).
+    """Sum over t = 1 to T-1 of the angle between an axis and the vertical, atan2(|horizontal part|, z).
 
     Args:
         axes: (N, T, 3), each of any positive length.

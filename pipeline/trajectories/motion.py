@@ -1,8 +1,8 @@
-"""How an arm moves in a recording: its rate, gaps and speed, and what no arm does or no single demonstration has.
+"""Signs of a damaged or mixed-up recording in the motion of the arm: rates, gaps, speeds, outliers, rests and returns.
 
-Times are those of the recording's clock, which may be nominal: recordings that were made from bare lists of poses have
-10 Hz or half a second between poses by decree. What depends on time is therefore also measured against the recording's
-own interval, and what can be told without time is told without it.
+Times are those of the recording's clock, which may be nominal: recordings that were made from lists of poses without
+times often have 10 Hz or half a second between poses. Measures therefore avoid time where they can, and otherwise also
+compare with the recording's own interval between samples.
 """
 
 from __future__ import annotations
@@ -14,25 +14,31 @@ import numpy as np
 from pipeline.arrays import BoolArray, FloatArray, IntArray
 
 SPEED_WINDOW_S = 0.05
-"""Speeds are taken over at least this long, as messages may be stamped when they arrive, in bursts."""
+"""Speeds are averaged over at least this long, because messages that arrive in bursts may be stamped on arrival."""
 OUTLIER = 8.0
-"""Times as far as in the steps around it: a step that is an outlier. In 80 recordings of people the most is 4.7."""
+"""A step is an outlier if it is this many times as long as those around it; at most 4.7 in 80 recordings of people."""
 ODD_STEP = 0.05
-"""rad or m; an outlier below it is no more than noise."""
+"""rad or m; a shorter outlier is taken for noise."""
 MISSED = 2.5
-"""Sampling intervals; a longer step in time says that samples are missing."""
+"""Samples are missing between two if their distance in time is more than this many median intervals."""
 SHAKING = 0.5
-"""Share of the steps that are against the step before them; of noise it is 2 / 3."""
+"""An arm shakes if more than this share of its steps reverses the step before; pure noise has 2 / 3."""
 HOME, AWAY = 0.2, 0.5
-"""Shares of the greatest distance from the first pose: nearer than the one is back, farther than the other is away."""
-_AROUND = 3  # steps on either side
-_FEWEST_AROUND = 4
-_GRID = 2001  # poses, evenly in time, on which rests and returns are looked for
+"""The arm is back at its first pose below the first share of its greatest distance, and away above the second."""
+_AROUND = 3  # a step is compared with this many steps on either side
+_FEWEST_AROUND = 4  # recordings with no more steps than this have no outliers
+_GRID = 2001  # number of poses, evenly spaced in time, among which rests and returns are searched
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something at a time (s, on the recording's clock): how much, and the index of the joint, -1 if of none."""
+    """What was measured at a time.
+
+    Attributes:
+        at_s: time on the recording's clock, s.
+        size: the measured value.
+        joint: index of the joint, or -1 if it concerns none.
+    """
 
     at_s: float
     size: float
@@ -40,19 +46,19 @@ class Event:
 
 
 def rate_hz(time_s: FloatArray) -> float:
-    """Samples (M,) per second, by the median interval, so that a gap does not count."""
+    """Samples per second at the times (M,), by the median interval, so that gaps do not count."""
     return 1 / float(np.median(np.diff(time_s)))
 
 
 def longest_gap(time_s: FloatArray) -> Event:
-    """The longest time between two samples, at its beginning."""
+    """The longest interval (s) between two of the samples (M,), and when it begins."""
     steps = np.diff(time_s)
     row = int(steps.argmax())
     return Event(float(time_s[row]), float(steps[row]))
 
 
 def greatest_speeds(time_s: FloatArray, q: FloatArray) -> list[Event]:
-    """For each of the J joints its greatest speed (rad/s or m/s) over `SPEED_WINDOW_S` or more, and when.
+    """The greatest speed (rad/s or m/s) of each of the J joints, averaged over `SPEED_WINDOW_S` or more, and when.
 
     Args:
         time_s: (M,) strictly increasing.
@@ -68,10 +74,11 @@ def greatest_speeds(time_s: FloatArray, q: FloatArray) -> list[Event]:
 
 
 def outlying_steps(time_s: FloatArray, q: FloatArray) -> list[Event]:
-    """For each of the J joints its longest step that is an outlier among the steps around it, 0 if there is none.
+    """The longest step (rad or m) of each of the J joints that is an outlier; 0 if there is none.
 
-    A step is one if it is `OUTLIER` times as long as the median of the three steps before and the three after it, of
-    whichever joint moves most. A step that takes longer than usual may be longer in proportion.
+    A step is an outlier if it is more than `OUTLIER` times as long as the median of the three steps before and the
+    three after it, where each of these is that of the joint that moves most. A step that takes longer than the median
+    interval may be longer in proportion.
 
     Args:
         time_s: (M,) strictly increasing.
@@ -86,7 +93,7 @@ def outlying_steps(time_s: FloatArray, q: FloatArray) -> list[Event]:
 
 
 def _median_around(steps: FloatArray) -> FloatArray:
-    """(M,) the median of the steps on either side, infinite where there are too few."""
+    """(M,) the median of the steps (M,) around each, without itself; infinite if there are too few."""
     if len(steps) <= _FEWEST_AROUND:
         return np.full(len(steps), np.inf)
     padded = np.pad(steps, _AROUND, constant_values=np.nan)
@@ -96,25 +103,25 @@ def _median_around(steps: FloatArray) -> FloatArray:
 
 
 def shaking(q: FloatArray) -> list[Event]:
-    """For each of the J joints by how much it goes to and fro from sample to sample, 0 if it does so in few of them.
+    """How far each of the J joints shakes (rad or m): the median of its reversing steps, 0 if they are few.
 
-    It does if most of its steps are against the step before them, which noise does and no motion: the median of these.
+    A joint shakes if more than `SHAKING` of its steps reverse the step before, which happens in noise but in no motion.
 
     Args:
         q: (M, J) unwrapped.
     """
     steps = np.diff(q, axis=0)
-    against = steps[1:] * steps[:-1] < 0
+    reversing = steps[1:] * steps[:-1] < 0
     sizes = np.abs(steps[1:])
     return [
-        Event(0.0, float(np.median(sizes[against[:, j], j])) if against[:, j].mean() > SHAKING else 0.0, j)
+        Event(0.0, float(np.median(sizes[reversing[:, j], j])) if reversing[:, j].mean() > SHAKING else 0.0, j)
         for j in range(q.shape[1])
-        if len(against)
+        if len(reversing)
     ]
 
 
 def irregularity(time_s: FloatArray) -> float:
-    """How much intervals between samples differ: what 9 of 10 span, in median intervals."""
+    """How much the intervals between samples (M,) differ: the range of the middle 90 %, in median intervals."""
     intervals = np.diff(time_s)
     low, high = np.percentile(intervals, [5, 95])
     return float((high - low) / np.median(intervals))
@@ -128,7 +135,7 @@ def changing_pace(time_s: FloatArray) -> float:
 
 
 def longest_rest(time_s: FloatArray, q: FloatArray, threshold_rad: float) -> Event:
-    """The longest time during which no joint goes further than the threshold from where it is at its beginning."""
+    """The longest time (s) in which no joint moves farther than the threshold, and when it begins."""
     times, poses = _on_grid(time_s, q)
     best, begin = Event(float(times[0]), 0.0), 0
     while begin < len(times) - 1:
@@ -141,29 +148,30 @@ def longest_rest(time_s: FloatArray, q: FloatArray, threshold_rad: float) -> Eve
 
 
 def returns(time_s: FloatArray, q: FloatArray) -> list[float]:
-    """When the arm comes back to where it began and leaves again, s: once for two demonstrations in one recording.
+    """The times (s) at which the arm is back at its first pose before it leaves again.
 
-    Of the greatest distance from the first pose, the length of the joints' differences, `AWAY` counts as away and `HOME`
-    as back; the moment is that at which it is nearest.
+    There is one if a recording holds two demonstrations. The distance is the norm of the joints' differences; `AWAY`
+    and `HOME` are shares of its greatest value. Of each return, the time is that of the smallest distance.
     """
     times, poses = _on_grid(time_s, q)
     distance = np.linalg.norm(poses - poses[0], axis=1)
     away, home = distance > AWAY * distance.max(), distance < HOME * distance.max()
-    found = []
+    moments = []
     for first, last in _runs(~away):
         inner = distance[first:last]
         if first > 0 and last < len(times) and home[first:last].any():
-            found.append(float(times[first + int(inner.argmin())]))
-    return found
+            moments.append(float(times[first + int(inner.argmin())]))
+    return moments
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """First and behind the last of each run of true values."""
+    """The bounds of each run of true values: the index of its first, and one after its last."""
     edges: IntArray = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
 
 
 def _on_grid(time_s: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Times and poses at even intervals; the samples themselves if there are few."""
     if len(time_s) <= _GRID:
         return time_s, q
     times = np.linspace(time_s[0], time_s[-1], _GRID)

@@ -1,14 +1,14 @@
-"""Stochastic trajectory optimisation: many cost weightings at once, over one shared batch of replays.
+"""Stochastic trajectory optimisation for many cost weightings at once, whose candidates are replayed in one batch.
 
 The search is an evolution strategy with weighted recombination and cumulative step-size adaptation (Hansen,
 "The CMA Evolution Strategy: A Tutorial", arXiv 1604.00772, equations 6, 40-44 and the constants of its table 1,
 without the covariance update) over the coefficients of `sine_basis`. With decay 1 the sum of squared steps is a
 multiple of the squared norm of the coefficients, so no covariance needs to be learned for that term.
 
-All weightings move together in arrays, where the package `cma` (4.5) steps through one at a time. Planning the 36
-paths of the default sampler for the table task, 120 populations of this strategy take 0.6 s and close 94 % of the gap
-from the straight path to what a long search finds; 60 populations of `cma` with a diagonal covariance take 0.8 s and
-close 91 %.
+All weightings are searched together in arrays, while the package `cma` (4.5) searches one at a time. For the 36 paths
+of the default sampler for the table task, 120 populations of this strategy take 0.6 s and close 94 % of the gap in cost
+between the straight path and the result of a long search. 60 populations of `cma` with a diagonal covariance take 0.8 s
+and close 91 %.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ from pipeline.trajectories.paths import (
 )
 
 Assess = Callable[[FloatArray], tuple[FloatArray, BoolArray]]
-"""(N, T, J) waypoints to (N, F) cost terms, scaled so that one weight means as much for each, and (N,) admissible."""
+"""From waypoints (N, T, J) to cost terms (N, F), on comparable scales, and (N,) which paths are admissible."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """How hard to search.
+    """The effort of a search.
 
-    The defaults take 1,200 candidates per weighting. On the JACO arm, with efficiency, table and laptop as costs and 12
-    random weightings, they closed 98 % of the gap in mean cost between the
-    straight path and what 6,400 candidates of 5 half waves found.
+    By default there are 1,200 candidates per weighting. On the JACO arm, with efficiency, table and laptop as costs and
+    12 random weightings, they closed 98 % of the gap in mean cost between the straight path and the result of 6,400
+    candidates with 5 half waves.
 
     Attributes:
-        modes: half waves per joint that a path is made of.
+        modes: number of half waves per joint that are added to the straight path.
         step_rad: initial root mean square deviation of the candidates from the straight path.
         population: candidates per weighting and iteration, >= 4.
         iterations: number of populations.
@@ -65,12 +65,12 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class Optimised:
-    """The best admissible path seen for each weighting.
+    """The best admissible path that was tried for each weighting.
 
     Attributes:
         waypoints: (P, T, J), read-only.
-        costs: (P,) weighted cost of each.
-        inadmissible: share of all candidates that left the limits or went through the scene.
+        costs: (P,) weighted cost of each path.
+        inadmissible: share of all candidates that left the joint limits or that the scene does not allow.
     """
 
     waypoints: FloatArray
@@ -91,23 +91,22 @@ def optimise_paths(
 ) -> Optimised:
     """Find, for each row of `weights`, an admissible path of low weighted cost from start to goal.
 
-    Minimises weights_p . cost terms(path). A candidate that leaves the limits or is inadmissible takes no part in the
-    recombination. Each weighting has its own random stream and shares nothing but the batch, so a further one
-    changes no other.
+    For row p it minimises weights_p . cost terms(path). A candidate that leaves the limits or is inadmissible takes no
+    part in the recombination. Each weighting has its own random stream, so another row changes no result.
 
     Args:
-        rngs: P generators.
+        rngs: P random generators, one per row of `weights`.
         anchor: start and goal, joint positions (J,).
         weights: (P, F) weight of each cost term, usually >= 0.
-        assess: (N, T, J) -> (N, F) cost terms and (N,) whether the scene allows the path; sees only paths within
-            the limits. One function, so that each path is replayed once.
+        assess: from (N, T, J) paths within the limits to (N, F) cost terms and (N,) whether the scene allows each. It
+            is one function, so that each path is replayed once.
         lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
         n_waypoints: T.
-        search: how hard to search.
+        search: the effort.
 
     Raises:
         ArgumentError: generators and weights do not match, or the anchor is outside the limits.
-        StageError: a weighting never met an admissible path.
+        StageError: no admissible path was tried for some weighting.
     """
     weights = np.asarray(weights, dtype=np.float64)
     if weights.ndim != 2 or len(weights) != len(rngs) or not len(rngs):
@@ -121,11 +120,11 @@ def optimise_paths(
         paths = line + np.einsum("kt,plkj->pltj", basis, z)
         flat = paths.reshape(-1, *line.shape)
         values = np.full(len(flat), np.inf)
-        good = within_limits(flat, lower, upper)
-        if good.any():
-            owner = np.repeat(np.arange(len(z)), z.shape[1])[good]
-            terms, allowed = assess(flat[good])
-            values[good] = np.where(allowed, (weights[owner] * terms).sum(axis=1), np.inf)
+        inside = within_limits(flat, lower, upper)
+        if inside.any():
+            weighting = np.repeat(np.arange(len(z)), z.shape[1])[inside]
+            terms, allowed = assess(flat[inside])
+            values[inside] = np.where(allowed, (weights[weighting] * terms).sum(axis=1), np.inf)
         return paths, values.reshape(z.shape[:2])
 
     shape = (search.modes, anchor.start.size)
@@ -133,15 +132,15 @@ def optimise_paths(
     best_value = np.full(len(weights), np.inf)
     best_path = np.repeat(line[None], len(weights), axis=0)
     refused = 0
-    everyone = np.arange(len(weights))
+    rows = np.arange(len(weights))
     for _ in range(search.iterations):
         noise = np.stack([rng.standard_normal((search.population, *shape)) for rng in rngs])
         paths, values = evaluate(strategy.candidates(noise))
         refused += int(np.isinf(values).sum())
-        champion = values.argmin(axis=1)
-        value = values[everyone, champion]
+        best = values.argmin(axis=1)
+        value = values[rows, best]
         better = value < best_value
-        best_path[better] = paths[everyone, champion][better]
+        best_path[better] = paths[rows, best][better]
         best_value[better] = value[better]
         strategy.update(noise, values)
     if np.isinf(best_value).any():
@@ -155,7 +154,7 @@ def optimise_paths(
 
 
 class _EvolutionStrategy:
-    """(mu/mu_w, lambda)-ES with cumulative step-size adaptation for P problems of the same shape side by side."""
+    """(mu/mu_w, lambda) evolution strategy with cumulative step-size adaptation, for P problems of one shape."""
 
     def __init__(self, problems: int, shape: tuple[int, int], population: int, step: float) -> None:
         n = shape[0] * shape[1]
@@ -172,12 +171,12 @@ class _EvolutionStrategy:
         self._step = np.full((problems, 1, 1), step)
 
     def candidates(self, noise: FloatArray) -> FloatArray:
-        """(P, L, K, J) standard normals to candidates."""
+        """(P, L, K, J) candidates from standard normals of the same shape."""
         points: FloatArray = self._mean[:, None] + self._step[:, None] * noise
         return points
 
     def update(self, noise: FloatArray, values: FloatArray) -> None:
-        """Move mean and step size after `noise` got `values` (P, L); infinite values have no weight."""
+        """Update mean and step size from the values (P, L) of the candidates of `noise`; infinite ones do not count."""
         order = np.argsort(values, axis=1, kind="stable")
         share = np.zeros_like(values)
         np.put_along_axis(share, order, np.broadcast_to(self._recombination, values.shape), axis=1)
@@ -195,7 +194,7 @@ class _EvolutionStrategy:
 
 
 def random_weights(rng: np.random.Generator, count: int, features: int) -> FloatArray:
-    """Cost weights (count, features): unit vectors spread evenly over the orthant of non-negative weights."""
+    """(count, features) cost weights: unit vectors, uniformly distributed among those without negative entries."""
     w = np.abs(rng.standard_normal((count, features)))
     unit: FloatArray = w / np.linalg.norm(w, axis=1, keepdims=True)
     return unit

@@ -1,8 +1,8 @@
-"""Simulated participants: what they want, how their hands disturb it, and what the robot's driver records.
+"""Simulated participants: what they want, how their hands move the arm, and what the robot's driver records.
 
-A demonstration is made in three steps, none of which knows a choice model: a path that is good for the
-participant's own weights (`optimise_paths`), moved the way a hand moves an arm (`demonstrate`), as the driver's
-joint encoders report it (`driver_messages`).
+A demonstration is made in three steps, none of which uses a choice model. `optimise_paths` finds a path of low cost for
+the participant's weights, `demonstrate` moves the arm along it as a hand would, and `driver_messages` reports the
+motion as the driver's joint encoders do.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from pipeline.trajectories.paths import (
     within_limits,
 )
 
-_MOTION_HZ = 100  # of a motion before the driver samples it; ten samples per period of a 10 Hz tremor
-_ATTEMPTS = 200  # at one demonstration, before the path is given up
+_MOTION_HZ = 100  # sampling rate of a simulated motion: ten samples per period of a 10 Hz tremor
+_ATTEMPTS = 200  # motions that are tried along one path before it is given up
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Participant:
     Attributes:
         name: such as "participant-01".
         theta: (F,) cost weights, a unit vector of non-negative numbers.
-        skill: 0 to 1; the hand disturbs with 2 (1 - skill) times the stated amplitudes.
+        skill: 0 to 1; the disturbances have 2 (1 - skill) times the amplitudes of `Hand`.
     """
 
     name: str
@@ -47,16 +47,16 @@ class Participant:
 
 @dataclass(frozen=True)
 class Hand:
-    """How hands disturb a path; the amplitudes are those at skill 1/2.
+    """How hands disturb a path. The amplitudes are those at skill 1/2.
 
-    The two numbers of the speed are those of the 21 recorded demonstrations of a JACO arm that its lab published:
-    the mean square speed over the squared mean speed had median 1.16 there, and these give 1.16.
+    `ramp` and `speed_variation` match the 21 recorded demonstrations of a JACO arm that its lab published:
+    there the median of the mean square speed over the squared mean speed is 1.16, and it is 1.16 with these.
 
     Attributes:
         duration_s: shortest and longest duration of the motion.
-        ramp: share of the duration spent speeding up, and again slowing down.
+        ramp: share of the duration during which the arm speeds up, and during which it slows down.
         speed_variation: standard deviation of the logarithm of the speed in between.
-        drift_rad: root mean square of the slow wander around the path, per joint.
+        drift_rad: root mean square of the slow deviation from the path, per joint.
         misplacement_rad: standard deviation of the error of start and goal, per joint.
         tremor_rad: root mean square of the tremor, per joint.
         tremor_hz: lowest and highest frequency of the tremor.
@@ -84,7 +84,7 @@ class Hand:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the arm did, free of measurement: joint positions (M, J) at the times (M,) s, the first 0."""
+    """The true motion of the arm: joint positions (M, J) at the times (M,) s, of which the first is 0."""
 
     time_s: FloatArray
     positions: FloatArray
@@ -97,13 +97,14 @@ class Driver:
     Attributes:
         joints: names of the arm's joints, in the order of the motion.
         continuous: for each joint, whether it turns without limit.
-        fingers: names of the joints after the arm's, which stay at rest.
+        fingers: names of further joints, which stay at rest and are published after the arm's.
         rate_hz: nominal message rate.
-        jitter_s: standard deviation of a message's time around its nominal one.
-        idle_head_s, idle_tail_s: shortest and longest time recorded before and after the motion.
+        jitter_s: standard deviation of the difference between a message's time and its nominal time.
+        idle_head_s: shortest and longest time that is recorded before the motion.
+        idle_tail_s: shortest and longest time that is recorded after the motion.
         noise_rad: standard deviation of the encoder noise.
-        wrapped_share: share of the recordings in which the encoders of continuous joints report within one turn,
-            0 to 2 pi or -pi to pi; the others count turns.
+        wrapped_share: share of the recordings in which the encoders of continuous joints report positions within one
+            turn, 0 to 2 pi or -pi to pi. In the others they count turns.
     """
 
     joints: tuple[str, ...]
@@ -133,7 +134,7 @@ class Driver:
 
 @dataclass(frozen=True, eq=False)
 class DriverLog:
-    """Joint states as published: stamps (M,) in ns, strictly increasing; names (K,); positions (M, K) in rad."""
+    """Published joint states: times (M,) in ns, strictly increasing; joint names (K,); positions (M, K) in rad."""
 
     time_ns: IntArray
     names: tuple[str, ...]
@@ -148,20 +149,20 @@ def draw_participants(
     spread_rad: float = 0.15,
     skill: tuple[float, float] = (0.25, 0.75),
 ) -> tuple[Participant, ...]:
-    """Draw people who want about what the task asks for, each a little differently.
+    """Draw people whose cost weights differ a little from those of the task.
 
-    A person's weights are those of the task turned on the unit sphere by a normal tangent vector (standard
-    deviation `spread_rad` in each direction; drawn again if a weight becomes negative).
+    The task's weights, as a point on the unit sphere, are moved by a normal tangent vector, with standard deviation
+    `spread_rad` in each direction. It is drawn again if a weight becomes negative.
 
     Args:
-        rng: the stream of the task's participants.
+        rng: random generator for the participants of one task.
         theta: (F,) cost weights of the task, >= 0 and not all zero; only their direction matters.
         count: number of people, >= 1.
-        spread_rad: how far people differ.
-        skill: least and greatest skill, drawn evenly between.
+        spread_rad: standard deviation of the weights, as an angle in each direction.
+        skill: least and greatest skill, between which it is uniformly distributed.
 
     Raises:
-        ArgumentError: an argument is outside what is allowed.
+        ArgumentError: an argument is out of range.
     """
     theta = np.asarray(theta, dtype=np.float64)
     if theta.ndim != 1 or not np.isfinite(theta).all() or (theta < 0).any() or not theta.any():
@@ -189,21 +190,21 @@ def demonstrate(
     upper: FloatArray,
     admissible: Admissible,
 ) -> Motion:
-    """Move the arm along `path` the way a hand does.
+    """Move the arm along `path` as a hand would.
 
-    The hand starts and ends a little off, wanders slowly, speeds up, varies its speed, slows down, and trembles.
-    A motion that leaves the limits or that the scene does not allow is made again.
+    The motion starts and ends slightly beside the path, drifts slowly around it, speeds up, varies its speed, slows
+    down, and trembles. A motion that leaves the limits or that the scene does not allow is drawn again.
 
     Args:
-        rng: the stream of this demonstration.
-        path: (T, J) what the participant had in mind.
+        rng: random generator for this demonstration.
+        path: (T, J) the path that the participant intends.
         skill: 0 to 1, see `Participant`.
         hand: the disturbances.
         lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
-        admissible: (N, M, J) -> (N,) booleans; called with one motion at a time.
+        admissible: from (N, M, J) positions to (N,) whether the scene allows each; called with one motion at a time.
 
     Raises:
-        ArgumentError: the path or the skill is not what it must be.
+        ArgumentError: the path is not a finite (T, J) array, or the skill is not between 0 and 1.
         StageError: no motion near the path is allowed.
     """
     if path.ndim != 2 or len(path) < 2 or not np.isfinite(path).all() or not 0 <= skill <= 1:
@@ -222,12 +223,12 @@ def demonstrate(
 
 
 def driver_messages(rng: np.random.Generator, motion: Motion, driver: Driver, start_time_ns: int) -> DriverLog:
-    """What the driver publishes while the arm rests, moves as in `motion`, and rests again.
+    """The messages that the driver publishes while the arm rests, moves as in `motion`, and rests again.
 
     Args:
-        rng: the stream of this recording.
-        motion: what the arm did.
-        driver: how it reports.
+        rng: random generator for this recording.
+        motion: the motion of the arm.
+        driver: rate, noise and names.
         start_time_ns: time of the first nominal sample, ns since the epoch.
 
     Raises:
@@ -240,7 +241,7 @@ def driver_messages(rng: np.random.Generator, motion: Motion, driver: Driver, st
     head_s = rng.uniform(*driver.idle_head_s)
     tail_s = rng.uniform(*driver.idle_tail_s)
     nominal_s = np.arange(0.0, head_s + motion.time_s[-1] + tail_s, 1 / driver.rate_hz)
-    # Cut where neighbours would meet: a driver may be late, it does not publish out of order.
+    # Clipped so that neighbours keep their order: a driver may be late, but it does not publish out of order.
     reach = 0.45 / driver.rate_hz
     time_s = nominal_s + np.clip(rng.normal(0.0, driver.jitter_s, nominal_s.size), -reach, reach)
     arm = np.stack([np.interp(time_s - head_s, motion.time_s, joint) for joint in motion.positions.T], axis=1)
@@ -252,7 +253,7 @@ def driver_messages(rng: np.random.Generator, motion: Motion, driver: Driver, st
 
 
 def _turned(rng: np.random.Generator, unit: FloatArray, spread_rad: float) -> FloatArray:
-    """`unit` turned by a normal tangent vector; the weights stay >= 0."""
+    """(F,) the unit vector `unit`, moved by a normal tangent vector; the weights stay >= 0."""
     while True:
         tangent = spread_rad * rng.standard_normal(unit.size)
         tangent -= (tangent @ unit) * unit
@@ -263,6 +264,7 @@ def _turned(rng: np.random.Generator, unit: FloatArray, spread_rad: float) -> Fl
 
 
 def _disturbed(rng: np.random.Generator, path: FloatArray, amplitude: float, hand: Hand) -> Motion:
+    """A motion along the path with disturbances of `amplitude` times those of `hand`."""
     from scipy.interpolate import CubicSpline
 
     joints = path.shape[1]
@@ -270,41 +272,41 @@ def _disturbed(rng: np.random.Generator, path: FloatArray, amplitude: float, han
     samples = int(np.ceil(duration_s * _MOTION_HZ)) + 1
     time_s = np.linspace(0.0, duration_s, samples)
     progress = _progress(rng, samples, hand)
-    wander = sine_basis(samples, 6, 1.0).T @ rng.standard_normal((6, joints))
+    drift = sine_basis(samples, 6, 1.0).T @ rng.standard_normal((6, joints))
     ends = rng.standard_normal((2, joints))
-    misplaced = (1 - progress)[:, None] * ends[0] + progress[:, None] * ends[1]
+    misplacement = (1 - progress)[:, None] * ends[0] + progress[:, None] * ends[1]
     positions = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)(progress) + amplitude * (
-        hand.drift_rad * wander
-        + hand.misplacement_rad * misplaced
+        hand.drift_rad * drift
+        + hand.misplacement_rad * misplacement
         + hand.tremor_rad * _tremor(rng, time_s, joints, hand)
     )
     return Motion(frozen(time_s), frozen(positions))
 
 
 def _progress(rng: np.random.Generator, samples: int, hand: Hand) -> FloatArray:
-    """Fraction of the path done (M,), from 0 to 1, never backwards, at rest at both ends."""
+    """(M,) the fraction of the path that is covered: from 0 to 1, never decreasing, at rest at both ends."""
     s = np.linspace(0.0, 1.0, samples)
     to_end = np.minimum(s, 1 - s) / hand.ramp
     ramp = 0.5 - 0.5 * np.cos(np.pi * np.minimum(to_end, 1.0))
     speed = ramp * np.exp(hand.speed_variation * (rng.standard_normal(4) @ sine_basis(samples, 4, 1.0)))
-    done = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2)])
-    fraction: FloatArray = done / done[-1]
+    distance = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2)])
+    fraction: FloatArray = distance / distance[-1]
     return fraction
 
 
 def _tremor(rng: np.random.Generator, time_s: FloatArray, joints: int, hand: Hand) -> FloatArray:
-    """Tremor (M, J) of unit root mean square, a few tones per joint, that sets in and fades with the motion."""
+    """(M, J) tremor of unit root mean square: a few tones per joint that fade in and out with the motion."""
     tones = 4
     frequency_hz = rng.uniform(*hand.tremor_hz, (tones, joints))
     phase = rng.uniform(0.0, 2 * np.pi, (tones, joints))
     waves = np.sin(2 * np.pi * frequency_hz * time_s[:, None, None] + phase).sum(axis=1)
-    # A tone under a half-sine envelope has mean square 1/4, so four of them have one.
-    trembling: FloatArray = np.sin(np.pi * time_s / time_s[-1])[:, None] * waves * np.sqrt(4 / tones)
-    return trembling
+    # A tone under a half-sine envelope has mean square 1/4, so the sum of four has mean square 1.
+    tremor: FloatArray = np.sin(np.pi * time_s / time_s[-1])[:, None] * waves * np.sqrt(4 / tones)
+    return tremor
 
 
 def _reported(rng: np.random.Generator, arm: FloatArray, driver: Driver) -> FloatArray:
-    """Positions as this recording's encoders count them: with turns, or within one turn."""
+    """(M, J) the positions that this recording's encoders report: counting turns, or within one turn."""
     if rng.random() >= driver.wrapped_share:
         return arm
     lowest = -np.pi * rng.integers(2)  # 0 to 2 pi, or -pi to pi

@@ -15,7 +15,7 @@ from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError
 
 Admissible = Callable[[FloatArray], BoolArray]
-"""(N, T, J) waypoints to (N,) booleans: what the scene allows."""
+"""From waypoints (N, T, J) to (N,) booleans: which paths the scene allows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Anchor:
 
 
 def straight_path(anchor: Anchor, n_waypoints: int) -> FloatArray:
-    """The straight joint path (T, J) at even speed; first and last row are the anchor's, to the last bit."""
+    """(T, J) the straight joint path at even speed; its first and last row equal the anchor's to the last bit."""
     s = np.linspace(0.0, 1.0, n_waypoints)[:, None]
     line = anchor.start + s * (anchor.goal - anchor.start)
     line[-1] = anchor.goal
@@ -48,8 +48,8 @@ def straight_path(anchor: Anchor, n_waypoints: int) -> FloatArray:
 def sine_basis(n_waypoints: int, modes: int, decay: float) -> FloatArray:
     """Half waves (modes, T), b_k(s) = c k^-decay sin(pi k s), scaled so that sum_k b_k^2 averages to one over s.
 
-    Zero at both ends, to the last bit. With decay 1 the sum of squared steps of sum_k z_k b_k is, but for the
-    discretisation, a multiple of |z|^2.
+    They are exactly zero at both ends. With decay 1 the sum of squared steps of sum_k z_k b_k is a multiple of |z|^2,
+    up to the discretisation.
 
     Raises:
         ArgumentError: modes is not between 1 and the number of inner waypoints, or decay is negative.
@@ -69,25 +69,25 @@ def sine_basis(n_waypoints: int, modes: int, decay: float) -> FloatArray:
 
 
 def natural_bump(s: FloatArray, peak: FloatArray) -> FloatArray:
-    """Natural cubic spline (N, T) through (0, 0), (peak, 1), (1, 0) at s (T,), for peaks (N, 1) inside (0, 1).
+    """(N, T) natural cubic splines through (0, 0), (peak, 1) and (1, 0), at s (T,), for peaks (N, 1) between 0 and 1.
 
     It is the shape of a beam resting on its ends under a point load at `peak`.
     """
-    left = s <= peak
-    near = np.where(left, s, 1 - s)  # distance from the end on this side of the load
-    far = np.where(left, 1 - peak, peak)  # distance of the load from the other end
-    bump: FloatArray = near * far * (1 - far**2 - near**2) / (2 * peak**2 * (1 - peak) ** 2)
+    before_peak = s <= peak
+    to_end = np.where(before_peak, s, 1 - s)  # distance from the end on this side of the load
+    load = np.where(before_peak, 1 - peak, peak)  # distance of the load from the other end
+    bump: FloatArray = to_end * load * (1 - load**2 - to_end**2) / (2 * peak**2 * (1 - peak) ** 2)
     bump[:, [0, -1]] = 0.0
     return bump
 
 
 def within_limits(waypoints: FloatArray, lower: FloatArray, upper: FloatArray) -> BoolArray:
-    """Whether each trajectory (N, T, J) keeps the joint limits (J,) at every waypoint; (N,)."""
+    """(N,) whether each trajectory (N, T, J) keeps the joint limits (J,) at every waypoint."""
     return np.asarray(((waypoints >= lower) & (waypoints <= upper)).all(axis=(1, 2)))
 
 
 def require_anchor_within(anchor: Anchor, lower: FloatArray, upper: FloatArray) -> None:
-    """Raise an ArgumentError unless start and goal keep the joint limits (J,)."""
+    """Raise an ArgumentError if start or goal is outside the joint limits (J,)."""
     for name, value in (("start", anchor.start), ("goal", anchor.goal)):
         outside = np.flatnonzero((value < lower) | (value > upper))
         if outside.size:
@@ -98,7 +98,7 @@ def require_anchor_within(anchor: Anchor, lower: FloatArray, upper: FloatArray) 
 
 
 def require_positive(name: str, value: float) -> None:
-    """Raise an ArgumentError unless `value` is finite and above zero."""
+    """Raise an ArgumentError if `value` is not a finite number above zero."""
     if not 0 < value < np.inf:
         raise ArgumentError(f"{name} is {value}; it must be a finite number > 0.")
 

@@ -1,6 +1,6 @@
-"""Labelled random streams: every result has its own, so adding one changes no other.
+"""Labelled random streams. Every result has its own stream, so adding one changes no other.
 
-Labels are purposes, positions and content, never the names of files, tasks or people, which may be changed at will.
+Labels are purposes, positions and content. Names of files, tasks or people are no labels, as users may change them.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from pipeline.errors import ArgumentError
 
 
 def content_key(*arrays: FloatArray) -> str:
-    """A label for a stream that belongs to some numbers, whatever they are called: SHA-256 of them to six decimals.
+    """A label made from the content of arrays: the SHA-256 of their numbers, rounded to six decimals.
 
-    Rounded, so that the last bits, which differ between ways to compute the same, do not count.
+    They are rounded because the last bits may depend on how the numbers were computed.
     """
-    rounded = [np.round(np.asarray(array, dtype=np.float64), 6) + 0.0 for array in arrays]  # -0 is 0
+    rounded = [np.round(np.asarray(array, dtype=np.float64), 6) + 0.0 for array in arrays]  # -0.0 becomes 0.0
     return hashlib.sha256(b"".join(values.astype("<f8").tobytes() for values in rounded)).hexdigest()
 
 
 def child_rng(seed: int, *labels: str | int) -> np.random.Generator:
-    """The generator that belongs to `labels` under `seed`, whatever else is drawn, in whatever order.
+    """The random generator for `labels` under `seed`. It does not depend on what else is drawn, or in which order.
 
     The labels are hashed (SHA-256 of their JSON, so ("a", 1) and ("a", "1") differ) into the entropy of a
     `SeedSequence`. Streams of different labels are independent for every practical purpose.
 
     Args:
         seed: the project's seed, >= 0.
-        labels: what the stream is for, such as task, sampler, set size and set number.
+        labels: what the stream is for, such as a purpose, a set size and a set number.
 
     Raises:
         ArgumentError: the seed is negative, or a label is neither a string nor an integer.

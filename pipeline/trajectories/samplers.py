@@ -1,4 +1,4 @@
-"""Samplers of alternatives: random paths from a start to a goal, and the rejection that keeps them possible.
+"""Samplers of alternatives: random paths from a start to a goal, of which impossible ones are rejected.
 
 Shapes and units are those of `paths`; every path starts and ends exactly at its anchor.
 """
@@ -43,11 +43,11 @@ __all__ = [
     "propose",
 ]
 
-_HOPELESS_AFTER = 2000  # proposals before a low acceptance is called hopeless
+_HOPELESS_AFTER = 2000  # proposals before a low share of accepted ones is an error
 
 
 class Fate(IntEnum):
-    """What becomes of a proposal: kept, or discarded for the first reason that applies."""
+    """Whether a proposal is kept, or the first reason that applies for discarding it."""
 
     KEPT = 0
     OUTSIDE_LIMITS = 1
@@ -56,11 +56,11 @@ class Fate(IntEnum):
 
 
 Judge = Callable[[FloatArray], IntArray]
-"""(N, T, J) waypoints within the joint limits to the fate (N,) that the scene has for each."""
+"""From waypoints (N, T, J) within the joint limits to the fate (N,) of each path in the scene."""
 
 
 class Sampler(Protocol):
-    """What draws raw paths; nothing is rejected here."""
+    """Draws paths, none of which it rejects."""
 
     @property
     def name(self) -> str:
@@ -72,14 +72,14 @@ class Sampler(Protocol):
 
 @dataclass(frozen=True)
 class Deformation:
-    """Straight joint path plus a smooth Gaussian deformation that vanishes at both ends.
+    """The straight joint path plus a smooth Gaussian deformation that vanishes at both ends.
 
-    q(s) = line(s) + width * sum_k b_k(s) z_k, with z_k ~ N(0, I_J) and the `sine_basis` b_k, so the deviations
-    of two times covary, in each joint alone, as width^2 sum_k b_k(s) b_k(s').
+    q(s) = line(s) + width * sum_k b_k(s) z_k, with z_k ~ N(0, I_J) and the `sine_basis` b_k. The joints are
+    independent; in each, the covariance of the deviations at times s and s' is width^2 sum_k b_k(s) b_k(s').
 
     Attributes:
         width_rad: root mean square deviation from the straight path per joint, averaged over the path.
-        modes: number of half waves; more gives more bends.
+        modes: number of half waves; with more, paths have more bends.
         decay: amplitude of mode k is proportional to k^-decay.
     """
 
@@ -93,25 +93,25 @@ class Deformation:
         sine_basis(self.modes + 2, self.modes, self.decay)
 
     def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> FloatArray:
-        """Draw (count, n_waypoints, J) paths; one standard normal per mode and joint, row by row."""
+        """Draw (count, n_waypoints, J) paths. Each takes one standard normal per mode and joint from the stream."""
         basis = self.width_rad * sine_basis(n_waypoints, self.modes, self.decay)
         z = rng.standard_normal((count, self.modes, anchor.start.size))
         deformation: FloatArray = np.einsum("kt,nkj->ntj", basis, z)
         return straight_path(anchor, n_waypoints) + deformation
 
     def log_proposal(self, waypoints: FloatArray, anchor: Anchor) -> FloatArray:
-        """Log density (N,) of drawing `waypoints` (N, T, J), as a density of the modes' amplitudes (rad).
+        """(N,) log density with which `waypoints` (N, T, J) are drawn, as a density of the modes' amplitudes (rad).
 
-        Not normalised for what rejection removed, a constant for one anchor.
+        The density ignores rejection, which would add the same constant to all paths of one anchor.
 
         Raises:
-            ArgumentError: a trajectory is not of this family (more than 1e-5 rad away from its span).
+            ArgumentError: this sampler cannot draw a trajectory: it is more than 1e-5 rad away from all that it can.
         """
         n_waypoints = waypoints.shape[1]
         basis = sine_basis(n_waypoints, self.modes, self.decay)
         scale = np.sqrt((basis**2).sum(axis=1, keepdims=True) * 2 / (n_waypoints - 1))  # (modes, 1), rad per z
         deviation = waypoints - straight_path(anchor, n_waypoints)
-        # The sampled sines are orthogonal, so projecting onto each mode alone solves for all of them.
+        # The sampled sines are orthogonal, so each amplitude is the projection onto its mode.
         amplitude = np.einsum("kt,ntj->nkj", basis / scale, deviation) * 2 / (n_waypoints - 1)
         residual = np.abs(deviation - np.einsum("kt,nkj->ntj", basis / scale, amplitude)).max(initial=0.0)
         if residual > 1e-5:
@@ -129,8 +129,8 @@ class Deformation:
 class ViaPoint:
     """The path of least acceleration (natural cubic spline) from start to goal through one random configuration.
 
-    The via configuration is uniform in a box of half width `reach_rad` around the straight path, passed at a
-    fraction of the time that is uniform in `when`.
+    The via configuration is uniform in a box of half width `reach_rad` around the straight path. It is passed after a
+    fraction of the time that is uniform between the two of `when`.
 
     Attributes:
         reach_rad: largest deviation from the straight path at the via point, per joint.
@@ -147,7 +147,7 @@ class ViaPoint:
             raise ArgumentError(f"when is {self.when}; it must be two increasing fractions between 0 and 1.")
 
     def sample(self, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int) -> FloatArray:
-        """Draw (count, n_waypoints, J) paths; J + 1 uniforms per path, row by row."""
+        """Draw (count, n_waypoints, J) paths. Each takes J + 1 uniform numbers from the stream."""
         u = rng.random((count, 1 + anchor.start.size))
         peak = self.when[0] + (self.when[1] - self.when[0]) * u[:, :1]
         bump = natural_bump(np.linspace(0.0, 1.0, n_waypoints), peak)
@@ -157,13 +157,13 @@ class ViaPoint:
 
 @dataclass(frozen=True, eq=False)
 class Planner:
-    """Deformations around one of a few planned paths, each as likely.
+    """Deformations of planned paths, each of which is picked with the same probability.
 
-    What is kept of a planned path is its deviation from its own straight path.
+    The deviation of the planned path from its own straight path is added to the straight path of the anchor.
 
     Attributes:
         paths: (P, T, J) planned paths, such as those of `optimise_paths` under random weights.
-        deformation: what is added to them.
+        deformation: the random deformation that is added to them.
     """
 
     paths: FloatArray
@@ -188,18 +188,18 @@ class Planner:
 
     @cached_property
     def _deviations(self) -> FloatArray:
-        """(P, T, J) of the planned paths from their own straight paths."""
+        """(P, T, J) deviations of the planned paths from their own straight paths."""
         lines = [straight_path(Anchor(path[0], path[-1]), self.paths.shape[1]) for path in self.paths]
         return self.paths - np.stack(lines)
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """Each path from one of several samplers, picked with the given weights.
+    """Draws each path from one of several samplers, which is picked at random.
 
     Attributes:
-        samplers: what is mixed.
-        weights: one positive weight each; they need not sum to one.
+        samplers: the parts of the mixture.
+        weights: (len(samplers),) proportional to the probability of each part; they need not sum to one.
     """
 
     samplers: tuple[Sampler, ...]
@@ -221,14 +221,14 @@ class Mixture:
 
 @dataclass(frozen=True)
 class Tally:
-    """What became of one sampler's proposals; inside a mixture there is one for each part.
+    """How many proposals of a sampler were kept and discarded; a mixture has one tally for each of its parts.
 
     Attributes:
         sampler: name of the sampler.
-        proposed: paths drawn in all.
-        outside_limits: of these, discarded because a joint leaves its limits.
-        through_surface: of these, within the limits and discarded because something goes through the surface.
-        in_collision: of these, above the surface and discarded because the arm touches itself or something.
+        proposed: number of paths drawn.
+        outside_limits: number discarded because a joint leaves its limits.
+        through_surface: number discarded because something goes through the surface, of those within the limits.
+        in_collision: number discarded because the arm touches itself or something else, of those above the surface.
     """
 
     sampler: str
@@ -239,11 +239,11 @@ class Tally:
 
     @property
     def kept(self) -> int:
-        """Proposals that passed."""
+        """Number of proposals that were kept."""
         return self.proposed - self.outside_limits - self.through_surface - self.in_collision
 
     def __add__(self, other: Tally) -> Tally:
-        """Of the proposals of both, which are of one sampler."""
+        """The tally of the proposals of both, which are of the same sampler."""
         return Tally(
             self.sampler,
             self.proposed + other.proposed,
@@ -255,11 +255,11 @@ class Tally:
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """Paths that passed, in the order drawn, and what it took.
+    """The paths that were kept, in the order in which they were drawn, and how many were discarded.
 
     Attributes:
         waypoints: (N, T, J), read-only.
-        sampler: (N,) name of the sampler behind each; inside a mixture, of the part that was picked.
+        sampler: (N,) name of the sampler that drew each path; for a mixture, of its part.
         tallies: one for each of these names, in alphabetical order.
     """
 
@@ -285,24 +285,23 @@ def draw_admissible(
     judge: Judge,
     least_acceptance: float = 1e-3,
 ) -> Draw:
-    """Draw `count` paths that keep the joint limits and that `judge` keeps; others are drawn again.
+    """Draw `count` paths that keep the joint limits and that `judge` keeps. Other paths are discarded.
 
-    Each round proposes exactly as many paths as are still missing, so none is drawn in vain and the result is a
-    function of the generator's state alone.
+    Each round draws exactly as many paths as are still missing, so the result depends on the generator's state alone.
 
     Args:
         sampler: draws the proposals.
-        rng: the stream of this one set.
+        rng: random generator for this one set.
         anchor: start and goal, joint positions (J,).
         count: number of paths wanted, >= 1.
         n_waypoints: T, >= 2.
         lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
-        judge: gives each path its fate; sees only paths within the limits.
-        least_acceptance: the share of accepted proposals below which the attempt is given up.
+        judge: gives each path within the limits its fate.
+        least_acceptance: the smallest share of accepted proposals; below it an error is raised.
 
     Raises:
         ArgumentError: a count is too small, or the anchor itself is outside the limits.
-        StageError: hardly any proposal is accepted.
+        StageError: after 2000 proposals or more, too few were accepted.
     """
     if count < 1 or n_waypoints < 2:
         raise ArgumentError(f"count is {count} and n_waypoints {n_waypoints}; allowed are >= 1 and >= 2.")
@@ -312,10 +311,10 @@ def draw_admissible(
     missing = count
     while missing:
         paths, fate, drawn_by = _judged(sampler, rng, anchor, missing, n_waypoints, lower, upper, judge)
-        kept = fate == Fate.KEPT
-        rounds.append((paths[kept], drawn_by[kept]))
+        accepted = fate == Fate.KEPT
+        rounds.append((paths[accepted], drawn_by[accepted]))
         fates.update(zip(drawn_by.tolist(), fate.tolist(), strict=True))
-        missing -= int(kept.sum())
+        missing -= int(accepted.sum())
         proposed = fates.total()
         if proposed >= _HOPELESS_AFTER and count - missing < least_acceptance * proposed:
             outside, through, touching = (
@@ -345,7 +344,7 @@ def _judged(
     upper: FloatArray,
     judge: Judge,
 ) -> tuple[FloatArray, IntArray, NDArray[np.object_]]:
-    """Proposals (count, T, J), the fate of each (count,) and who drew it (count,)."""
+    """(count, T, J) proposals, (count,) the fate of each and (count,) the name of the sampler that drew it."""
     paths, drawn_by = propose(sampler, rng, anchor, count, n_waypoints)
     inside = within_limits(paths, lower, upper)
     fate = np.where(inside, Fate.KEPT, Fate.OUTSIDE_LIMITS)
@@ -357,7 +356,10 @@ def _judged(
 def propose(
     sampler: Sampler, rng: np.random.Generator, anchor: Anchor, count: int, n_waypoints: int
 ) -> tuple[FloatArray, NDArray[np.object_]]:
-    """Draw raw paths (count, T, J) and the name (count,) of the sampler, or of the mixture's part, behind each."""
+    """Draw (count, T, J) paths, none of which is rejected, with (count,) the name of the sampler that drew each.
+
+    For a mixture it is the name of its part.
+    """
     if not isinstance(sampler, Mixture):
         return sampler.sample(rng, anchor, count, n_waypoints), np.full(count, sampler.name, dtype=object)
     weights = np.array(sampler.weights)

@@ -1,1 +1,1 @@
-"""What people look at, and what figures, recordings and the report share: palette, captions, summaries."""
+"""Figures, recordings for the viewer and the report, and what they share: colours, captions, summaries."""

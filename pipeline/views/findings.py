@@ -1,4 +1,4 @@
-"""H1 to H5 of the paper and what came out, in words with their numbers."""
+"""The outcomes of the paper's hypotheses H1 to H5, in words with their numbers."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _HIDDEN = {
 
 
 def findings(tests: pl.DataFrame, hypotheses: pl.DataFrame) -> pl.DataFrame:
-    """One row per hypothesis and variant.
+    """The outcome of every hypothesis, one row per variant of it.
 
     Args:
         tests: the table `human_choice_tests`.
         hypotheses: the table `grid_world_hypotheses`.
 
     Returns:
-        `hypothesis`, `claim`, `outcome` (`supported`, `not supported`, or what can be said) and `numbers`.
+        `hypothesis`, `claim`, `outcome` (`supported`, `not supported`, or a comparison for H2) and `numbers`.
     """
     rows = [*_human_choice(tests), *(_grid_world(row) for row in hypotheses.iter_rows(named=True))]
     return pl.DataFrame(rows, schema=["hypothesis", "claim", "outcome", "numbers"], orient="row")
@@ -54,7 +54,8 @@ def _grid_world(row: dict[str, object]) -> tuple[str, str, str, str]:
     sampling = str(row["sampling_model"])
     people = _HIDDEN.get(sampling) or f"{model_name(sampling)} people"
     numbers = (
-        f"TruePosterior {row['posterior_expected']:.2f} against {row['posterior_other']:.2f}, {_p(row['posterior_p_value'])}; "
+        f"TruePosterior {row['posterior_expected']:.2f} against {row['posterior_other']:.2f}, "
+        f"{_p(row['posterior_p_value'])}; "
         f"TrueMatch {row['match_expected']:.2f} against {row['match_other']:.2f}, {_p(row['match_p_value'])}"
     )
     claim = f"{people}: inference by {expected} is better than by {other}"

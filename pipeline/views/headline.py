@@ -1,4 +1,4 @@
-"""The few numbers of a task, and of the studies, that two settings are compared by."""
+"""The headline numbers of a task, and of the studies: those by which two settings are compared."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ def task_headline(
     summary: pl.DataFrame | None,
     recordings: tuple[int, int],
 ) -> Numbers:
-    """What all demonstrations of a task together say, per model.
+    """The headline numbers of a task, from all of its demonstrations together.
 
     Args:
-        beliefs: by model, the posterior given all demonstrations.
+        beliefs: for each model, the posterior given all demonstrations.
         labels: (K,) the hypotheses in words.
-        held_out: rows of the same set of the table `held_out`; there may be none.
-        summary: the table `robustness_summary`, if the study was done.
-        recordings: how many were used, how many rejected.
+        held_out: rows of the table `held_out` for the same set; there may be none.
+        summary: the table `robustness_summary`, or None if the study was not run.
+        recordings: number of recordings that were used, and that were rejected.
 
     Returns:
-        `recordings`: `used`, `rejected`; per model: `best`, the most probable theta in words, its `posterior` (beta
-        summed out), the `beta` most probable with it, the `entropy` of the posterior over theta (nats), `held_out`, the
-        mean log predictive probability of a demonstration given the others (nats), and `kl_aggregate`, per regime the
-        median over single demonstrations with the largest sets (nats).
+        `recordings`: `used`, `rejected`. For each model: `best`, the most probable theta in words; its `posterior`,
+        summed over beta; the `beta` that is most probable with it; the `entropy` of the posterior over theta (nats);
+        `held_out`, the mean log predictive probability of a demonstration given the others (nats); and `kl_aggregate`,
+        for each regime the median over single demonstrations with the largest sets (nats).
     """
     numbers: Numbers = {"recordings": dict(zip(("used", "rejected"), recordings, strict=True))}
     for model, belief in beliefs.items():
         best = belief.map_index
-        of_model: Numbers = {
+        model_numbers: Numbers = {
             "best": labels[best],
             "posterior": _short(belief.marginal_theta[best]),
             "beta": _short(belief.betas[int(np.argmax(belief.log_probability[best]))]),
@@ -52,28 +52,28 @@ def task_headline(
         }
         scores = held_out.filter(model=model)["log_predictive"].to_numpy()
         if scores.size:
-            of_model["held_out"] = _short(scores.mean())
+            model_numbers["held_out"] = _short(scores.mean())
         if summary is not None:
-            of_model["kl_aggregate"] = _divergences(summary.filter(model=model, demonstrations=SINGLE))
-        numbers[model] = of_model
+            model_numbers["kl_aggregate"] = _divergences(summary.filter(model=model, demonstrations=SINGLE))
+        numbers[model] = model_numbers
     return numbers
 
 
 def studies_headline(tests: pl.DataFrame, grid_summary: pl.DataFrame) -> Numbers:
-    """What the studies of people's choices and of the grid world come down to.
+    """The headline numbers of the studies of human choice and of the grid world.
 
     Args:
         tests: the table `human_choice_tests`.
         grid_summary: the table `grid_world_summary`.
 
     Returns:
-        `human_choice`: per comparison and model `p_value` and `minimum_epsilon`; `grid_world`: TruePosterior, mean over
-        all thetas, per model of people and of the robot.
+        `human_choice`: `p_value` and `minimum_epsilon` for each comparison and model. `grid_world`: TruePosterior for
+        each model of people and of the robot, averaged over all thetas.
     """
     choices: dict[str, Numbers] = {}
     for row in tests.iter_rows(named=True):
-        of_model: Numbers = {name: _short(row[name]) for name in ("p_value", "minimum_epsilon")}
-        choices.setdefault(row["comparison"], {})[row["model"]] = of_model
+        model_numbers: Numbers = {name: _short(row[name]) for name in ("p_value", "minimum_epsilon")}
+        choices.setdefault(row["comparison"], {})[row["model"]] = model_numbers
     world: dict[str, Numbers] = {}
     for row in grid_summary.filter(pl.col("theta_id").is_null()).iter_rows(named=True):
         world.setdefault(f"people-{row['sampling_model']}", {})[row["inference_model"]] = _short(row["true_posterior"])
@@ -82,10 +82,10 @@ def studies_headline(tests: pl.DataFrame, grid_summary: pl.DataFrame) -> Numbers
 
 def _divergences(summary: pl.DataFrame) -> Numbers:
     largest = summary.filter(pl.col("set_size") == pl.col("set_size").max().over("regime"))
-    found = {regime: largest.filter(regime=regime)["value"].to_list() for regime in KL_REGIMES}
-    return {regime: _short(values[0]) for regime, values in found.items() if values}
+    by_regime = {regime: largest.filter(regime=regime)["value"].to_list() for regime in KL_REGIMES}
+    return {regime: _short(values[0]) for regime, values in by_regime.items() if values}
 
 
 def _short(value: float) -> float | str:
-    """To so many digits that a difference says something; JSON has no infinite numbers, which become words."""
+    """The number rounded to six digits; an infinite one as a word, because JSON has no infinite numbers."""
     return float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else str(value)

@@ -1,9 +1,10 @@
-"""What figures show beyond what the tables hold: intervals, comparisons of models, hypotheses in words."""
+"""What figures show besides the tables: intervals, comparisons of models, hypotheses in words."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import polars as pl
 from scipy.special import betaincinv, ndtri
 
@@ -18,9 +19,10 @@ LEVEL = 0.95
 
 
 def binomial_interval(count: int, n: int, level: float = LEVEL) -> tuple[float, float]:
-    """The exact interval of a share (Clopper and Pearson, 1934).
+    """The exact confidence interval of a share (Clopper and Pearson, 1934).
 
-    Its ends are the shares under which a count this large, or this small, has probability (1 - level) / 2.
+    Its ends are the shares for which a count this large or larger, or this small or smaller, has probability
+    (1 - level) / 2.
 
     >>> [round(end, 4) for end in binomial_interval(15, 37)]
     [0.2475, 0.579]
@@ -28,7 +30,7 @@ def binomial_interval(count: int, n: int, level: float = LEVEL) -> tuple[float, 
     Args:
         count: successes, 0..n.
         n: trials, at least 1.
-        level: of confidence, between 0 and 1.
+        level: confidence level, between 0 and 1.
 
     Raises:
         ArgumentError: an argument is out of range.
@@ -44,12 +46,12 @@ def binomial_interval(count: int, n: int, level: float = LEVEL) -> tuple[float, 
 
 
 def with_share_intervals(predictions: pl.DataFrame) -> pl.DataFrame:
-    """The table `human_choice_predictions` with `n`, `low`, `high`: `binomial_interval` of the observed share at 95 %.
+    """The table `human_choice_predictions` with `n`, `low` and `high`: the 95 % interval of the observed share.
 
-    `n` are the choices that the share is of; where nobody chose a group, the shares within it have no interval.
+    `n` is the number of choices of which it is a share. If nobody chose a group, the shares within it have no interval.
     """
-    among = pl.when(pl.col("comparison") == "within").then(pl.col("group"))
-    counted = predictions.with_columns(n=pl.col("count").sum().over("comparison", "model", among))
+    group = pl.when(pl.col("comparison") == "within").then(pl.col("group"))
+    counted = predictions.with_columns(n=pl.col("count").sum().over("comparison", "model", group))
     ends = [binomial_interval(count, n) if n else (None, None) for count, n in counted.select("count", "n").iter_rows()]
     return counted.with_columns(
         pl.Series("low", [low for low, _ in ends], dtype=pl.Float64),
@@ -58,23 +60,23 @@ def with_share_intervals(predictions: pl.DataFrame) -> pl.DataFrame:
 
 
 def with_mean_intervals(summary: pl.DataFrame) -> pl.DataFrame:
-    """The table `grid_world_summary` with `low`, `high`: mean TruePosterior -+ 1.96 standard errors (95 %)."""
-    reach = pl.col("standard_error") * float(ndtri((1 + LEVEL) / 2))
-    return summary.with_columns(low=pl.col("true_posterior") - reach, high=pl.col("true_posterior") + reach)
+    """The table `grid_world_summary` with `low` and `high`: mean TruePosterior -+ 1.96 standard errors (95 %)."""
+    half_width = pl.col("standard_error") * float(ndtri((1 + LEVEL) / 2))
+    return summary.with_columns(low=pl.col("true_posterior") - half_width, high=pl.col("true_posterior") + half_width)
 
 
 def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:
     """How well each model predicts one task's demonstrations.
 
-    The catalog's view `model_comparison` says the same in SQL, of all tasks; the tests hold one to the other.
+    The catalog's view `model_comparison` computes the same in SQL, for all tasks; a test compares the two.
 
     Args:
-        held_out: rows of one set of the table `held_out`.
+        held_out: rows of the table `held_out` for one set.
 
     Returns:
-        per model: `model`, `demonstrations`, `mean` log predictive probability per demonstration (nats),
-        `standard_error`, and `difference` to Boltzmann, demonstration by demonstration, with
-        `difference_standard_error`; both are 0 for Boltzmann itself and null where Boltzmann was not inferred.
+        One row per model: `model`, `demonstrations`, `mean` log predictive probability per demonstration (nats),
+        `standard_error`, and the mean paired `difference` to Boltzmann with `difference_standard_error`; both are 0 for
+        Boltzmann itself and null if Boltzmann was not inferred.
     """
     scores = {
         str(model): HeldOutScore(rows.sort("demonstration_id")["log_predictive"].to_numpy())
@@ -83,22 +85,29 @@ def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:
     reference = scores.get(BOLTZMANN)
     rows = []
     for model, score in scores.items():
-        over = None if reference is None else compare_held_out(score, reference)
+        lead = None if reference is None else compare_held_out(score, reference)
         rows.append(
             {
                 "model": model,
                 "demonstrations": len(score.log_predictive),
                 "mean": score.mean,
                 "standard_error": score.standard_error,
-                "difference": over.mean if over else None,
-                "difference_standard_error": over.standard_error if over else None,
+                "difference": lead.mean if lead else None,
+                "difference_standard_error": lead.standard_error if lead else None,
             }
         )
     return pl.DataFrame(rows, schema_overrides={"difference": pl.Float64, "difference_standard_error": pl.Float64})
 
 
 def differences(held_out: pl.DataFrame) -> pl.DataFrame:
-    """Per demonstration and model other than Boltzmann: `demonstration_id`, `model`, `difference` to Boltzmann (nats)."""
+    """How much better each model predicts each demonstration than Boltzmann does.
+
+    Args:
+        held_out: rows of the table `held_out` for one set.
+
+    Returns:
+        One row per demonstration and model other than Boltzmann: `demonstration_id`, `model`, `difference` (nats).
+    """
     keys = ["demonstration_id", "set_size", "set_id"]
     reference = held_out.filter(model=BOLTZMANN).select(*keys, reference="log_predictive")
     return (
@@ -108,8 +117,20 @@ def differences(held_out: pl.DataFrame) -> pl.DataFrame:
     )
 
 
+def path_shifts(count: int, most: float) -> FloatArray:
+    """(count,) shifts of shortest paths through a grid, in cells, that keep paths with common steps apart.
+
+    Such paths only go right and up, so a shift to the right and down separates them everywhere.
+
+    Args:
+        count: number of paths.
+        most: the largest distance between neighbouring paths.
+    """
+    return np.asarray(min(most, 0.8 / count) * (np.arange(count) - (count - 1) / 2))
+
+
 def near_or_far(thetas: FloatArray, objects: tuple[str, str] = ("A", "B")) -> list[tuple[str, ...]]:
-    """What rewards of the grid world ask for: a weight on the mean distance to an object is a wish to stay far from it.
+    """The rewards of the grid world in words: a positive weight of the distance to an object is a wish to be far away.
 
     >>> import numpy as np
     >>> near_or_far(np.array([[-1.0, 1.0], [0.0, -1.0]]))
@@ -117,10 +138,10 @@ def near_or_far(thetas: FloatArray, objects: tuple[str, str] = ("A", "B")) -> li
 
     Args:
         thetas: (K, 2) weights of the mean distances.
-        objects: their names.
+        objects: names of the two objects.
 
     Returns:
-        Per theta the wishes, one for every weight that is not zero.
+        For each theta its wishes, one for every weight that is not zero.
     """
     return [
         tuple(

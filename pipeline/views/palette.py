@@ -1,7 +1,8 @@
-"""The colours of every picture, in the viewer and on paper: apart for colour-blind readers too.
+"""The colours of every picture, in the viewer and on paper, which colour-blind readers can tell apart too.
 
-Qualitative colours are those of M. Okabe and K. Ito, "Color Universal Design" (2008); the sequential scale follows
-cividis (Nunez, Anderton and Renslow, PLOS ONE 13, 2018), which keeps its order in grey and for every kind of colour vision.
+Qualitative colours are those of M. Okabe and K. Ito, "Color Universal Design" (2008). The sequential scale follows
+cividis (Nunez, Anderton and Renslow, PLOS ONE 13, 2018), whose order is visible in grey and with every kind of colour
+vision.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ MODELS: dict[str, RGB] = {
 _OTHER_MODELS = (VERMILLION, YELLOW)
 DEMONSTRATION = PINK
 SETS: dict[str, RGB] = {"Xi_L": VERMILLION, "Xi_B": PINK}
-"""The two demonstration sets of the grid world that are looked at closely."""
+"""The two demonstration sets of the grid world that are examined closely."""
 RAW_DENSITY = GREY
 
 SEQUENTIAL: tuple[RGB, ...] = (
@@ -51,11 +52,11 @@ SEQUENTIAL: tuple[RGB, ...] = (
 """Evenly spaced stops of the sequential scale, low to high."""
 
 PATHS: tuple[RGB, ...] = ((46, 88, 158), (122, 141, 150), YELLOW)
-"""The same blue to yellow for thin lines on the viewer's dark ground, where cividis' dark end would vanish."""
+"""From blue to yellow, for thin lines on the viewer's dark background, where the dark end of cividis would vanish."""
 
 
 def model_color(name: str, names: tuple[str, ...]) -> RGB:
-    """The colour of one model among those shown together; models unknown here take the spare colours in order."""
+    """The colour of a model among those shown together; models without a colour take the spare ones in order."""
     if name in MODELS:
         return MODELS[name]
     others = [other for other in names if other not in MODELS]
@@ -66,8 +67,8 @@ def sequential(values: Any, low: float, high: float) -> ByteArray:
     """Colours of values on the sequential scale.
 
     Args:
-        values: (...) numbers; those outside `low`..`high` take the colour of the nearer end.
-        low, high: the values of the scale's two ends; if they are equal every value takes the middle.
+        values: (...) numbers; those outside the range from `low` to `high` get the colour of the nearer end.
+        low, high: the values at the two ends of the scale; if they are equal, every value gets the middle colour.
 
     Returns:
         (..., 3) red, green, blue.
@@ -76,7 +77,7 @@ def sequential(values: Any, low: float, high: float) -> ByteArray:
 
 
 def path_colors(values: Any, low: float, high: float) -> ByteArray:
-    """Colours of paths by LESS weight, arguments as in `sequential`."""
+    """Colours of paths by LESS weight, from blue (low) to yellow (high); arguments as in `sequential`."""
     return _along(PATHS, values, low, high)
 
 

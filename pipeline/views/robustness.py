@@ -1,4 +1,4 @@
-"""What the figures of the robustness study show beyond its tables: accuracy, entropies, one example."""
+"""What the figures of the robustness study show besides its tables: accuracy, entropies, one example."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ SETTING = ("regime", "choice", "setting", "is_default", "model", "set_size")
 
 @dataclass(frozen=True)
 class Example:
-    """Two posteriors of one demonstration per regime.
+    """Two posteriors of one demonstration in each regime.
 
     Attributes:
-        posteriors: rows of that demonstration and set size of the table `robustness_posteriors`.
-        set_ids: per regime, the two sets.
-        demonstration_id: which demonstration.
-        set_size: of the sets.
+        posteriors: rows of the table `robustness_posteriors` for that demonstration and set size.
+        set_ids: for each regime, the names of the two sets.
+        demonstration_id: the demonstration.
+        set_size: number of alternatives in each set.
     """
 
     posteriors: pl.DataFrame
@@ -32,36 +32,38 @@ class Example:
 
 
 def accuracy(robustness: pl.DataFrame) -> pl.DataFrame:
-    """Median accuracy over participants with its interval, and that of all together, per regime, model and set size.
+    """Median accuracy over participants with its interval, and that of all together, by regime, model and set size.
 
     Args:
         robustness: the table of the study.
 
     Returns:
-        `measure` (one of ACCURACY), the columns of POINT and those of `summarise`; no rows where no truth is known.
+        `measure` (one of ACCURACY), the columns of POINT and those of `summarise`; no rows if no truth is known.
     """
-    known = robustness.drop("kl_low", "kl_high").filter(pl.col("true_posterior").is_not_null())
-    if known.is_empty():
+    with_truth = robustness.drop("kl_low", "kl_high").filter(pl.col("true_posterior").is_not_null())
+    if with_truth.is_empty():
         return pl.DataFrame(schema={"measure": pl.String, **{name: robustness.schema[name] for name in POINT}})
     tables = [
-        summarise(known, POINT, measure).select(pl.lit(measure).alias("measure"), pl.all()) for measure in ACCURACY
+        summarise(with_truth, POINT, measure).select(pl.lit(measure).alias("measure"), pl.all()) for measure in ACCURACY
     ]
     return pl.concat(tables)
 
 
 def entropies(sensitivity: pl.DataFrame) -> pl.DataFrame:
-    """As the table `sensitivity_summary`, of the entropy of posteriors over theta; joint ones are over more than theta."""
+    """The table `sensitivity_summary` for the entropy of posteriors over theta; joint posteriors are left out."""
     return summarise(sensitivity.drop("kl_low", "kl_high").filter(pl.col("setting") != "joint"), SETTING, "entropy")
 
 
 def middle_size(table: pl.DataFrame) -> int:
-    """The set size in the middle of those that were tried: the paper's 100 of 10, 30, 100, 300 and 1000."""
+    """The middle one of the set sizes, such as 100 of the paper's 10, 30, 100, 300 and 1000."""
     sizes = sorted(table["set_size"].unique())
     return int(sizes[len(sizes) // 2])
 
 
 def example(posteriors: pl.DataFrame) -> Example:
-    """The first demonstration, the middle set size, the first and the last set of each regime: nothing is picked.
+    """The first demonstration with the first and the last set of each regime, at the middle set size.
+
+    This rule leaves no freedom to pick an example that suits.
 
     Args:
         posteriors: the table `robustness_posteriors` of one task.

@@ -1,4 +1,4 @@
-"""What one task looks like from inside: its feature space before and after LESS, its hypotheses in words, its replay in time."""
+"""Summaries of a task for figures and recordings: densities of its features, hypotheses in words, the replay."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _FRACTIONS = {Fraction(1, 2): "½", Fraction(1, 4): "¼", Fraction(3, 4): "¾", 
 
 @dataclass(frozen=True)
 class DensityCurve:
-    """The density of alternatives along one feature, as they are and as LESS weighs them.
+    """The density of alternatives along one feature, with equal weights and with those of LESS.
 
     Attributes:
-        feature: its name.
+        feature: name of the feature.
         unit: its unit, as written after a number.
-        grid: (G,) increasing, evenly spaced, raw units.
-        raw: (G,) per raw unit; every alternative counts the same.
-        adjusted: (G,) per raw unit; alternative i counts as its LESS weight.
+        grid: (G,) increasing, evenly spaced values in raw units.
+        raw: (G,) density per raw unit if every alternative has the same weight.
+        adjusted: (G,) density per raw unit if each alternative has its LESS weight.
         demonstrations: (n,) raw values of the demonstrations.
     """
 
@@ -46,10 +46,10 @@ class DensityMap:
 
     Attributes:
         features: names of the horizontal and the vertical feature.
-        units: theirs.
-        x: (G,) increasing, evenly spaced, raw units of the first.
-        y: (H,) likewise of the second.
-        density: (H, G) per raw unit of both, row h at `y[h]`, column g at `x[g]`.
+        units: the units of both.
+        x: (G,) increasing, evenly spaced values of the first, in raw units.
+        y: (H,) increasing, evenly spaced values of the second, in raw units.
+        density: (H, G) density per raw unit of both, row h at `y[h]`, column g at `x[g]`.
         demonstrations: (n, 2) raw values of the demonstrations.
     """
 
@@ -62,19 +62,19 @@ class DensityMap:
 
 
 def feature_grid(alternatives: FloatArray, demonstrations: FloatArray, bandwidth: float, size: int) -> FloatArray:
-    """Evenly spaced values that cover one feature's alternatives and demonstrations, with two bandwidths to spare.
+    """Evenly spaced values from two bandwidths below the least value of a feature to two above its largest.
 
     Args:
         alternatives: (N,) raw values.
         demonstrations: (n,) raw values.
-        bandwidth: of the kernel, in the feature's raw unit.
-        size: how many values.
+        bandwidth: sigma of the kernel, in the feature's raw unit.
+        size: number of values.
 
     Returns:
         (size,) values in raw units.
     """
-    both = np.concatenate([alternatives, demonstrations])
-    return np.linspace(both.min() - 2 * bandwidth, both.max() + 2 * bandwidth, size)
+    values = np.concatenate([alternatives, demonstrations])
+    return np.linspace(values.min() - 2 * bandwidth, values.max() + 2 * bandwidth, size)
 
 
 def density_1d(
@@ -87,9 +87,9 @@ def density_1d(
 
     Args:
         values: (N,) feature values, raw units.
-        grid: (G,) where the density is wanted, raw units.
-        bandwidth: sigma in raw units, that is the bandwidth of the scaled features times the feature's scale.
-        log_weights: (N,) log weight of each value; None counts each the same.
+        grid: (G,) values at which the density is computed, raw units.
+        bandwidth: sigma in raw units, which is the bandwidth of the scaled features times the feature's scale.
+        log_weights: (N,) log weight of each value; all equal if not given.
 
     Returns:
         (G,) density per raw unit; it integrates to one over the whole line.
@@ -145,11 +145,12 @@ def density_map(
     density that LESS divides by.
 
     Args:
-        features, units: of the two.
+        features: names of the two features.
+        units: their units.
         alternatives: (N, 2) raw values.
         demonstrations: (n, 2) raw values.
         bandwidths: (2,) sigma in raw units of each.
-        size: values along the horizontal and the vertical axis.
+        size: number of values along the horizontal and the vertical axis.
 
     Raises:
         ArgumentError: a bandwidth is not positive.
@@ -166,7 +167,7 @@ def density_map(
 
 
 def theta_labels(thetas: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
-    """Each hypothesis in words: its weights relative to its largest, zeros left out.
+    """Each hypothesis in words: its weights relative to the largest one, without those that are zero.
 
     Weights that are all costs (none positive) are written without their sign, see `theta_meaning`.
     `(-1, -0.5, 0)` reads "efficiency + ½ table".
@@ -176,7 +177,7 @@ def theta_labels(thetas: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
         names: (F,) feature names.
 
     Returns:
-        (K,) labels, all different: where directions repeat, the weights themselves are written.
+        (K,) labels, all different: if directions repeat, the weights themselves are written.
 
     Raises:
         ArgumentError: the number of names is not the number of columns.
@@ -194,7 +195,7 @@ def theta_labels(thetas: FloatArray, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def theta_meaning(thetas: FloatArray) -> str:
-    """What the numbers in `theta_labels` are."""
+    """What the numbers in `theta_labels` mean."""
     if (np.asarray(thetas) <= 0).all():
         return "cost weights, relative to the largest"
     return "reward weights, relative to the largest"
@@ -203,17 +204,17 @@ def theta_meaning(thetas: FloatArray) -> str:
 def replay_samples(
     demonstrations: FloatArray, durations_s: FloatArray, steps: int = 5, pause_s: float = 0.5
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Demonstrations one after another on one time line, each at its recorded speed, moving evenly between waypoints.
+    """Demonstrations one after another on one time line, each with its recorded duration and linear between waypoints.
 
     Args:
-        demonstrations: (n, T, J) waypoints, rad or m, evenly spaced in each one's time.
+        demonstrations: (n, T, J) waypoints, rad or m, evenly spaced in time.
         durations_s: (n,) s, positive.
-        steps: samples from one waypoint to the next.
-        pause_s: from the end of one to the start of the next.
+        steps: number of samples from one waypoint to the next.
+        pause_s: time from the end of one demonstration to the start of the next, s.
 
     Returns:
-        (M, J) configurations, (M,) strictly increasing seconds from 0, and (M,) the demonstration of each sample, for
-        M = n * ((T - 1) * steps + 1).
+        (M, J) configurations, (M,) strictly increasing times in s from 0, and (M,) the row of each sample's
+        demonstration, where M = n * ((T - 1) * steps + 1).
 
     Raises:
         ArgumentError: a duration is not positive, or there is not one per demonstration.
@@ -222,13 +223,13 @@ def replay_samples(
     n, n_waypoints, n_joints = demonstrations.shape
     if durations_s.shape != (n,) or not (durations_s > 0).all():
         raise ArgumentError(f"durations_s must be {n} positive numbers, one per demonstration; got {durations_s}.")
-    at = np.linspace(0.0, n_waypoints - 1.0, (n_waypoints - 1) * steps + 1)
-    before = np.minimum(at.astype(np.int64), n_waypoints - 2)
-    share = (at - before)[None, :, None]
-    configurations = (1 - share) * demonstrations[:, before] + share * demonstrations[:, before + 1]
+    position = np.linspace(0.0, n_waypoints - 1.0, (n_waypoints - 1) * steps + 1)
+    earlier = np.minimum(position.astype(np.int64), n_waypoints - 2)
+    share = (position - earlier)[None, :, None]
+    configurations = (1 - share) * demonstrations[:, earlier] + share * demonstrations[:, earlier + 1]
     starts_s = np.concatenate([[0.0], np.cumsum(durations_s + pause_s)[:-1]])
-    times_s = starts_s[:, None] + durations_s[:, None] * at / (n_waypoints - 1)
-    return configurations.reshape(-1, n_joints), times_s.ravel(), np.repeat(np.arange(n), at.size)
+    times_s = starts_s[:, None] + durations_s[:, None] * position / (n_waypoints - 1)
+    return configurations.reshape(-1, n_joints), times_s.ravel(), np.repeat(np.arange(n), position.size)
 
 
 def _words(row: FloatArray, names: Sequence[str]) -> str:
@@ -241,7 +242,7 @@ def _words(row: FloatArray, names: Sequence[str]) -> str:
 
 
 def _amount(weight: float) -> str:
-    """`1` goes without saying, simple fractions as such, anything else with two digits."""
+    """A weight as text: nothing for 1, a fraction if it is a simple one, else two digits."""
     if abs(weight - 1) < 1e-9:
         return ""
     fraction = Fraction(weight).limit_denominator(4)

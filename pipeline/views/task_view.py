@@ -1,4 +1,4 @@
-"""What the recording and the figures of a task both show, made from its tables."""
+"""What both the recording and the figures of a task show, from its tables."""
 
 from __future__ import annotations
 
@@ -26,24 +26,26 @@ ALTERNATIVE = ["alternative_id", "anchor", "sampler", "set_size", "set_id"]
 
 @dataclass(frozen=True, eq=False)
 class TaskView:
-    """One task on its working set.
+    """One task and its working set of alternatives.
 
     Attributes:
-        demonstrations: the table.
-        alternatives: the table's rows of the working set without their waypoints; of several anchors, the first one's.
-        phi: (N, F) raw feature values of each of these.
+        demonstrations: the table `demonstrations`.
+        alternatives: rows of the table `alternatives` for the working set, without waypoints. If there are several
+            anchors, they are those of the first.
+        phi: (N, F) raw feature values of these alternatives.
         demonstration_phi: (n, F) raw feature values of each demonstration.
-        features: names of the features.
-        units: theirs.
-        by_weight: feature indices, those first that the belief gives the largest weights.
-        log_weights: (N,) LESS's log weight of each alternative.
-        independent: the table's rows of the other sets with the same anchor, with `log_weight` in their own set.
-        bandwidth: of LESS on this set, in scaled features.
-        curves: density along each feature, those first that the belief gives the largest weights.
+        features: (F,) names of the features.
+        units: (F,) their units.
+        by_weight: (F,) indices of the features, by descending mean weight under the final posterior.
+        log_weights: (N,) log weight of each alternative under LESS.
+        independent: rows of the table `alternatives` for the other sets with the same anchor, with the `log_weight` of
+            each alternative in its set.
+        bandwidth: sigma of LESS on the working set, in scaled features.
+        curves: density along each feature, in the order of `by_weight`.
         map: density over the first two of them.
         labels: (K,) the hypotheses in words.
-        meaning: what the numbers in the labels are.
-        beliefs: by model, the belief before any demonstration and after each.
+        meaning: what the numbers in the labels mean.
+        beliefs: for each model, the posterior before any demonstration and after each.
     """
 
     demonstrations: pl.DataFrame
@@ -67,10 +69,10 @@ INPUTS = ("demonstrations", "alternatives", "features", "densities", "scales", "
 
 
 def task_view(tables: TaskTables) -> TaskView:
-    """What the tables of a task say, those of INPUTS, which are checked here.
+    """Read and check the tables INPUTS of a task.
 
     Raises:
-        TableError: a table is missing or not what it should be.
+        TableError: a table is missing or fails its checks.
     """
     tables.check()
     demonstrations = tables["demonstrations"].read()
@@ -99,7 +101,7 @@ def task_view(tables: TaskTables) -> TaskView:
 
 @dataclass(frozen=True, eq=False)
 class _FeatureSpace:
-    """The part of a TaskView that lies in feature space; `scale` is what each feature is divided by."""
+    """The fields of a TaskView that concern features; `scale` (F,) is what each feature is divided by."""
 
     alternatives: pl.DataFrame
     independent: pl.DataFrame
@@ -130,10 +132,10 @@ class _FeatureSpace:
 
 
 def _feature_space(tables: TaskTables, demonstration_ids: pl.Series) -> _FeatureSpace:
-    alternatives, independent = _anchored_alike(tables["alternatives"].read(ALTERNATIVE))
+    alternatives, independent = _with_first_anchor(tables["alternatives"].read(ALTERNATIVE))
     densities = tables["densities"].read(["alternative_id", "bandwidth", "log_density"])
     weighed = densities.select("alternative_id", "bandwidth", log_weight=-pl.col("log_density"))
-    own = alternatives.select("alternative_id").join(weighed, on="alternative_id", maintain_order="left")
+    working = alternatives.select("alternative_id").join(weighed, on="alternative_id", maintain_order="left")
     scales = tables["scales"].read()
     names = scales["feature"].to_list()
     features = tables["features"].read(["id", *names])
@@ -145,8 +147,8 @@ def _feature_space(tables: TaskTables, demonstration_ids: pl.Series) -> _Feature
         scale=scales["scale"].to_numpy(),
         phi=_features_of(alternatives["alternative_id"], features, names),
         demonstration_phi=_features_of(demonstration_ids, features, names),
-        log_weights=own["log_weight"].to_numpy(),
-        bandwidth=float(own["bandwidth"][0]),
+        log_weights=working["log_weight"].to_numpy(),
+        bandwidth=float(working["bandwidth"][0]),
     )
 
 
@@ -159,39 +161,39 @@ def _beliefs(posteriors: OpenTable, demonstration_ids: tuple[str, ...]) -> dict[
 
 
 def read_waypoints(alternatives: OpenTable, ids: pl.Series) -> FloatArray:
-    """(A, T, J) waypoints of some of the alternatives."""
-    found = alternatives.read(["alternative_id", "waypoints"], where=pl.col("alternative_id").is_in(ids.implode()))
-    rows = ids.to_frame("alternative_id").join(found, on="alternative_id", how="left", maintain_order="left")
+    """(A, T, J) waypoints of the alternatives with these ids, in their order."""
+    waypoints = alternatives.read(["alternative_id", "waypoints"], where=pl.col("alternative_id").is_in(ids.implode()))
+    rows = ids.to_frame("alternative_id").join(waypoints, on="alternative_id", how="left", maintain_order="left")
     return rows["waypoints"].to_numpy().astype(np.float64)
 
 
-def _anchored_alike(alternatives: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The working set and the others; where demonstrations have sets of their own, those of the first."""
+def _with_first_anchor(alternatives: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The rows of the working set and those of the other sets; if there are several anchors, those of the first."""
     working = pl.col("set_id") == WORKING
-    mine = alternatives.filter(anchor=alternatives.filter(working)["anchor"][0])
-    return mine.filter(working), mine.filter(~working)
+    of_anchor = alternatives.filter(anchor=alternatives.filter(working)["anchor"][0])
+    return of_anchor.filter(working), of_anchor.filter(~working)
 
 
 def _features_of(ids: pl.Series, features: pl.DataFrame, names: list[str]) -> FloatArray:
-    """(n, F) raw values, in the order of the ids."""
+    """(n, F) raw feature values, in the order of the ids."""
     return ids.to_frame("id").join(features, on="id", maintain_order="left").select(names).to_numpy()
 
 
 def _by_weight(belief: Posterior) -> list[int]:
-    """Feature indices, those first that the belief gives the largest weights."""
+    """(F,) indices of the features, by descending mean weight under the posterior."""
     return [int(f) for f in np.argsort(-belief.marginal_theta @ np.abs(belief.thetas), kind="stable")]
 
 
 def _sequence(rows: pl.DataFrame, demonstration_ids: tuple[str, ...]) -> list[Posterior]:
-    """The belief before any demonstration and after each.
+    """The posterior before any demonstration and after each.
 
-    The prior over the hypotheses is uniform, so the posteriors of single demonstrations are their likelihoods up to a
-    constant, and multiply.
+    The prior is uniform, so the posterior of a single demonstration is its likelihood up to a constant, and the
+    posterior of several is the product of these.
     """
     rows = rows.sort("theta_id", "beta")
-    one = rows.filter(demonstration_id=demonstration_ids[0])
-    betas = one["beta"].unique().sort().to_numpy()
-    thetas = one.unique("theta_id", maintain_order=True)["theta"].to_numpy()
+    first = rows.filter(demonstration_id=demonstration_ids[0])
+    betas = first["beta"].unique().sort().to_numpy()
+    thetas = first.unique("theta_id", maintain_order=True)["theta"].to_numpy()
     single = np.stack(
         [
             rows.filter(demonstration_id=key)["log_posterior"].to_numpy().reshape(len(thetas), len(betas))

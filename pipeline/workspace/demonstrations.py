@@ -168,8 +168,8 @@ def _stated(recording: JointRecording, intake: Intake, remarks: list[str]) -> di
     if task in intake.elsewhere:
         raise rejection(
             "another-task",
-            f"Its metadata record {METADATA!r} says that it is of task {task!r}, which has recordings of its own; move it "
-            f"there, or change the record if it is of {intake.task!r}.",
+            f"Its metadata record {METADATA!r} says that it is of task {task!r}, which has recordings of its own; move "
+            f"it there, or change the record if it is of {intake.task!r}.",
         )
     if task != intake.task:
         remarks.append(f"says of itself that it is of task {task!r}")

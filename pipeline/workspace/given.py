@@ -34,8 +34,8 @@ class Given:
 
     Attributes:
         path: the file.
-        waypoints: (P, T, J), unwrapped, on the branch of the scene's start; equal ones are equal in every bit. Sorted, so
-            that the order in the file changes nothing.
+        waypoints: (P, T, J), unwrapped, on the branch of the scene's start; equal ones are equal in every bit. Sorted,
+            so that the order in the file changes nothing.
         within: (P,) no joint is beyond its limits.
         notes: what is to be said of them, a sentence each.
     """
@@ -151,8 +151,8 @@ def _shaped(path: Path, rows: list[Any], waypoints: int, joints: tuple[str, ...]
     paths = np.stack(found)
     if np.ndim(rows[0]) == 1 and _rough(_other_order(paths)) * _SMOOTHER < _rough(paths):
         raise StageError(
-            f"{path}: its rows are smooth if they are read joint after joint, as {len(joints)} x {waypoints}, and not waypoint "
-            f"after waypoint; {needed}"
+            f"{path}: its rows are smooth if they are read joint after joint, as {len(joints)} x {waypoints}, and not "
+            f"waypoint after waypoint; {needed}"
         )
     return paths
 
@@ -169,7 +169,7 @@ def _rough(paths: FloatArray) -> float:
 
 
 def _judged(path: Path, paths: FloatArray, scene: Scene) -> tuple[FloatArray, BoolArray, list[str]]:
-    """The trajectories, whole turns added where they bring a joint within its limits; which are; notes on the others."""
+    """The trajectories, with whole turns added to bring joints within limits; which are within; notes on the others."""
     limits = scene.limits
     odd = (limits.excess(paths) > 0).any(axis=(1, 2)) | (np.abs(np.diff(paths, axis=1)) > np.pi).any(axis=(1, 2))
     turned, within, first, moved = paths.copy(), np.ones(len(paths), dtype=bool), "", 0

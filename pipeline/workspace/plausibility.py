@@ -1,4 +1,4 @@
-"""What a recording of an arm can be: within the joints' limits, moving as arms do, one demonstration between the right ends."""
+"""What a recording of an arm can be: within limits, moving as arms do, one demonstration between the right ends."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ PACE = 1.3
 NEAR_RAD, NEAR_M = 0.1, 0.05
 """An end this near is where it should be: nobody leads an arm to a keyframe more exactly."""
 _CUT = (
-    "cut the recording with `mcap filter RECORDING -o PART.mcap --include-metadata --start TIME --end TIME` (log times), one "
-    "file for each demonstration"
+    "cut the recording with `mcap filter RECORDING -o PART.mcap --include-metadata --start TIME --end TIME` (log "
+    "times), one file for each demonstration"
 )
 
 
@@ -69,9 +69,9 @@ def require_plausible(scene: Scene, part: Moving, settings: Ingest, remarks: lis
         if step.size > jump[step.joint]:
             raise rejection(
                 "jump",
-                f"{said}, {motion.OUTLIER:g} times as far as in the samples around it or more; a sample is wrong, or another "
-                "publisher or arm came in between: remove it. A real motion of this kind needs a greater ingest.jump_rad or "
-                "jump_m.",
+                f"{said}, {motion.OUTLIER:g} times as far as in the samples around it or more; a sample is wrong, or "
+                "another publisher or arm came in between: remove it. A real motion of this kind needs a greater "
+                "ingest.jump_rad or jump_m.",
             )
         if step.size > motion.ODD_STEP:
             remarks.append(f"{said}, much farther than in the samples around it")
@@ -81,8 +81,8 @@ def require_plausible(scene: Scene, part: Moving, settings: Ingest, remarks: lis
         raise rejection(
             "too-fast",
             f"{_joint(scene, fastest.joint)} moves at {_size(scene, fastest)}/s at {_at(fastest.at_s)}, allowed are "
-            f"{limit[fastest.joint]:g}; positions in other units, such as degrees, or a wrong clock do this. A faster arm needs "
-            "a greater ingest.fastest_rad_s or fastest_m_s.",
+            f"{limit[fastest.joint]:g}; positions in other units, such as degrees, or a wrong clock do this. A faster "
+            "arm needs a greater ingest.fastest_rad_s or fastest_m_s.",
         )
     for noise in motion.shaking(q):
         if noise.size > settings.idle_rad:
@@ -111,8 +111,8 @@ def _check_gap(part: Moving, settings: Ingest, remarks: list[str]) -> None:
     if gap.size > settings.longest_gap_s and moved > settings.idle_rad:
         raise rejection(
             "gap",
-            f"There is {said}, and a joint is {moved:.2g} rad or m elsewhere after it; how the arm went there is not recorded. "
-            "Record it again, or, if a straight way will do, use a greater ingest.longest_gap_s.",
+            f"There is {said}, and a joint is {moved:.2g} rad or m elsewhere after it; how the arm went there is not "
+            "recorded. Record it again, or, if a straight way will do, use a greater ingest.longest_gap_s.",
         )
     remarks.append(said)
 
@@ -148,8 +148,8 @@ def ends_apart(
 ) -> tuple[Distance, Distance] | None:
     """How far the ends of waypoints (T, J) are from the scene's start and goal; None if it has none.
 
-    They are far if a joint and the end effector are: an arm with more joints than it needs reaches the same place in other
-    configurations, and people end in them.
+    They are far if a joint and the end effector are: an arm with more joints than it needs reaches the same place in
+    other configurations, and people end in them.
 
     Raises:
         RecordingError: far-ends, unless these are kept.
@@ -163,9 +163,9 @@ def ends_apart(
         if far and settings.far_ends == "reject":
             raise rejection(
                 "far-ends",
-                f"The motion {said}, and the task's alternatives go from start to goal; it may be a part of a demonstration or "
-                f"one of another task. Move the keyframe in {scene.path.name}, or set the task's anchor to demonstration, or "
-                "ingest.far_ends to keep.",
+                f"The motion {said}, and the task's alternatives go from start to goal; it may be a part of a "
+                f"demonstration or one of another task. Move the keyframe in {scene.path.name}, or set the task's "
+                "anchor to demonstration, or ingest.far_ends to keep.",
             )
         if apart.turned_rad > NEAR_RAD or max(apart.slid_m, apart.end_effector_m) > NEAR_M:
             remarks.append(f"{said}{', which is far' if far else ''}")

@@ -434,8 +434,9 @@ def texts_that_do_harm(rng: Rng) -> bytes:
 def metadata_that_does_harm(rng: Rng) -> bytes:
     """What a recording says about who demonstrated and what they wanted."""
     people = ["somebody", "all", "task", "", " ", "a\nb", "x" * 300, "\x1b[2J", "\u202eabc", "p" * 200]
-    thetas = ["{}", "[]", "null", "nan", '{"a": NaN}', '{"a": 1e999}', '{"a": "b"}', '{"a": true}', '{"a": [1]}', "9" * 9999,
-              "[" * 9999, '{"a": -2.5}', '{"a": 1e10}', "{" * 20_000, '{"a": ' + "9" * 400 + "}"]  # fmt: skip
+    thetas = ["{}", "[]", "null", "nan", '{"a": NaN}', '{"a": 1e999}', '{"a": "b"}', '{"a": true}', '{"a": [1]}',
+              "9" * 9999, "[" * 9999, '{"a": -2.5}', '{"a": 1e10}', "{" * 20_000,
+              '{"a": ' + "9" * 400 + "}"]  # fmt: skip
     about = text("participant") + _text(people[int(rng.integers(len(people)))])
     about += text("true_theta") + text(thetas[int(rng.integers(len(thetas)))])
     if rng.integers(4) == 0:
@@ -480,8 +481,8 @@ def files_put_together(rng: Rng) -> bytes:
     cut = int(rng.integers(8, len(one)))
     nested = _plain_chunk(_plain_chunk(schema_record() + channel_record() + b"".join(_messages(_payloads(rng, 9)))))
     return [
-        one + other, one[:-8] + other, one[:cut] + other[8:], one[:cut] + other[cut:], other + bytes(99), file_of(nested),
-        file_of(record(HEADER, bytes(8)), *_split(one)),
+        one + other, one[:-8] + other, one[:cut] + other[8:], one[:cut] + other[cut:], other + bytes(99),
+        file_of(nested), file_of(record(HEADER, bytes(8)), *_split(one)),
     ][int(rng.integers(7))]  # fmt: skip
 
 
@@ -631,10 +632,12 @@ LIGHT: dict[str, Callable[[Rng], Any]] = {
     made.__name__: made
     for made in (
         sound, bits_flipped_under_checksums, bits_flipped_without_checksums, bytes_replaced, cut_at_a_record,
-        cut_within_a_frame, cut_anywhere, cut_and_padded, record_length_that_lies, inner_length_that_lies, field_that_lies,
-        chunk_that_claims_gigabytes, small_bomb, compression_unknown, compressed_data_damaged, checksum_wrong, magic_wrong,
-        ids_duplicate_or_missing, payload_field_that_lies, payload_cut_or_grown, payload_of_noise, payload_bits_flipped,
-        two_billion_of_something, numbers_that_are_none, times_that_are_none, texts_that_do_harm, metadata_that_does_harm,
+        cut_within_a_frame, cut_anywhere, cut_and_padded, record_length_that_lies, inner_length_that_lies,
+        field_that_lies, chunk_that_claims_gigabytes, small_bomb, compression_unknown, compressed_data_damaged,
+        checksum_wrong, magic_wrong, ids_duplicate_or_missing, payload_field_that_lies, payload_cut_or_grown,
+        payload_of_noise, payload_bits_flipped,
+        two_billion_of_something, numbers_that_are_none, times_that_are_none, texts_that_do_harm,
+        metadata_that_does_harm,
         records_shuffled, records_of_noise, files_put_together, drivers_on_one_topic,
     )
 }  # fmt: skip
@@ -642,7 +645,8 @@ HEAVY: dict[str, Callable[[Rng], Any]] = {
     made.__name__: made
     for made in (
         channels_by_the_hundred_thousand, big_bomb, many_chunks_of_the_greatest_size, records_without_content,
-        messages_that_alternate, messages_that_all_differ, poses_by_the_million, motion_by_the_million, maps_without_end,
+        messages_that_alternate, messages_that_all_differ, poses_by_the_million, motion_by_the_million,
+        maps_without_end,
         declarations_that_fill_memory, file_of_zeros,
     )
 }  # fmt: skip

@@ -146,7 +146,7 @@ def _take_outcomes(results: dict[str, Result], table: Any, source: str) -> None:
 
 
 class _observed:
-    """Within it, reading and judging of a case are measured, and what they should not raise becomes a fault of the case."""
+    """Measures reading and judging of a case within it; what they should not raise becomes a fault of the case."""
 
     def __init__(self, module: Any, results: dict[str, Result]) -> None:
         self.module, self.results = module, results

@@ -47,14 +47,18 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("report",): [[]],
     ("sql",): [
         [], [SQL], [SQL, "--format", "json"], [EVIL], [f"from '{EVIL}'"], [f"select error('{EVIL}')"],
-        ["from demonstrations"], ["from rejected"], ["from files"], ["select 1", "--format", EVIL], ["select 1", "-o", EVIL],
+        ["from demonstrations"], ["from rejected"], ["from files"], ["select 1", "--format", EVIL],
+        ["select 1", "-o", EVIL],
         ["select 1", "-o", f"no/{FILE}/there.csv"],
     ],
     ("view",): [["studies"], [EVIL]],
     ("verify",): [[], ["sweep"], [EVIL], ["--sample", EVIL]],
     ("watch",): [["--idle-s", "0"], [EVIL, "--task", "sweep", "--idle-s", "0"], ["--task", EVIL]],
     ("summary",): [[]],
-    ("check",): [[f"mine/{FILE}.mcap", f"mine/{FILE}broken.mcap", EVIL, "--task", "sweep"], [f"--{EVIL}"], [EVIL, "--task", EVIL]],
+    ("check",): [
+        [f"mine/{FILE}.mcap", f"mine/{FILE}broken.mcap", EVIL, "--task", "sweep"], [f"--{EVIL}"],
+        [EVIL, "--task", EVIL],
+    ],
     ("new-task",): [
         ["another", "--scene", "gantry.xml", "--recordings", "mine"],
         [EVIL, "--scene", "gantry.xml", "--recordings", "mine"],
@@ -144,7 +148,8 @@ def require_harmless(shown: str, words: object) -> None:
 
 
 SUCCEED = (
-    "scene sweep", "simulate sweep", "ingest sweep", "sample sweep", "featurize sweep", "density sweep", "infer sweep", "shift sweep",
+    "scene sweep", "simulate sweep", "ingest sweep", "sample sweep", "featurize sweep", "density sweep", "infer sweep",
+    "shift sweep",
     "study robustness sweep", "inspect sweep", "figures sweep", "catalog", "report", "sql", "sql from demonstrations",
     "sql from rejected", "sql from files", f"sql {SQL}", "verify sweep", "watch --idle-s 0",
     "summary", "new-task another --scene gantry.xml --recordings mine", "recover",
@@ -226,7 +231,10 @@ MOVES = re.compile(r"\x1b\[[\d;?]*[A-DHJKhl]|\x1b\[\?\d+[hl]|\r(?=\n)")  # of th
 
 @pytest.mark.parametrize(
     "words",
-    [["summary"], ["sql", SQL], ["sql", SQL, "--format", "csv"], ["sql", SQL, "--format", "json"], ["sql", "--format", "table"]],
+    [
+        ["summary"], ["sql", SQL], ["sql", SQL, "--format", "csv"], ["sql", SQL, "--format", "json"],
+        ["sql", "--format", "table"],
+    ],
     ids=lambda words: " ".join(words)[:3] + words[-1][:5],
 )  # fmt: skip
 def test_a_terminal_is_shown_colours_and_nothing_else(project: Project, words: list[str]) -> None:
@@ -244,7 +252,8 @@ def test_a_bar_of_progress_has_no_moves_but_its_own(project: Project) -> None:
 
 def test_the_prompt_shows_nothing_that_a_terminal_obeys(project: Project) -> None:
     make_hostile_catalog(project)
-    typed = b".tables\rfrom duckdb_columns() where not internal;\rselect error(chr(27) || '[2J');\rselect \t\x15.schema \t\x15exit\r"
+    typed = b".tables\rfrom duckdb_columns() where not internal;\rselect error(chr(27) || '[2J');\r"
+    typed += b"select \t\x15.schema \t\x15exit\r"
     shown = on_a_terminal(project.root, "-m", "pipeline", "sql", typed=typed)
     for evil in ("\x1b]0;", "\x1b]52", "\x9b", "\u202e", "\x07", "\x1b[2J"):
         assert evil not in shown, repr(evil)

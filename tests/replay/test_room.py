@@ -47,7 +47,10 @@ def test_an_end_a_little_beyond_a_limit_is_moved_onto_it(gantry):
 @pytest.mark.parametrize(
     ("goal", "message"),
     [
-        ([0.0, 0.8, 2.0 + 1.1 * TOLERANCE_RAD], r"goal of demonstration 'p01': joint 'bow' is at 2\.0576; its limits are -2 to 2"),
+        (
+            [0.0, 0.8, 2.0 + 1.1 * TOLERANCE_RAD],
+            r"goal of demonstration 'p01': joint 'bow' is at 2\.0576; its limits are -2 to 2",
+        ),
         ([0.0, 0.8, 1.0 + 2 * np.pi], r"joint 'bow' is at 7\.28319, a whole turn from its limits"),
         ([2.05, 0.8, 0.0], r"joint 'rail' is at 2\.05; its limits are -1 to 2 m\."),
     ],
@@ -85,7 +88,8 @@ def test_the_surface_gives_way_as_far_as_an_end_is_under_it(gantry):
     assert 0.0 < deepest < 0.02
     made = room(scene, goal=touching)
     assert made.remarks == (
-        f"goal of demonstration 'p01' has the arm or what it carries {100 * deepest:.2g} cm under 'bench'; paths may go as deep",
+        f"goal of demonstration 'p01' has the arm or what it carries {100 * deepest:.2g} cm under 'bench'; "
+        "paths may go as deep",
     )
     line = straight_path(Anchor(LEVEL, touching), 11)
     deeper = line + np.sin(np.linspace(0, np.pi, 11))[:, None] * [0, 0, 0.5]
@@ -101,7 +105,7 @@ LOOSE = ("<worldbody>", '<default><geom contype="0" conaffinity="0"/></default><
 
 
 def touched(scene, trajectory):
-    """The oracle: all of `mj_fwdPosition`'s contacts, at very many poses; pairs of bodies that the joints move apart."""
+    """The oracle: `mj_fwdPosition`'s contacts at very many poses, between bodies that the joints move apart."""
     data = scene.rig.data()
     moving = set(scene.moving_bodies().tolist())
     found = set()
@@ -175,7 +179,8 @@ def test_what_touches_at_the_ends_may_touch_as_deep_on_the_way(gantry):
     shelf = ("</worldbody>", f'<geom name="shelf" type="box" size="2 2 0.01" pos="0 0 {at - 0.01}"/></worldbody>')
     exclude = (
         "<keyframe>",
-        '<contact><exclude body1="world" body2="carriage"/><exclude body1="world" body2="boom"/><exclude body1="world" body2="wrist"/></contact><keyframe>',
+        '<contact><exclude body1="world" body2="carriage"/><exclude body1="world" body2="boom"/>'
+        '<exclude body1="world" body2="wrist"/></contact><keyframe>',
     )
     scene = changed(gantry, shelf, exclude)
     made = room(scene, surface=None, collisions=True)
@@ -191,7 +196,8 @@ def test_what_touches_at_the_ends_may_touch_as_deep_on_the_way(gantry):
     deep = ("</worldbody>", '<geom name="shelf" type="box" size="2 2 0.01" pos="0 0 0.49"/></worldbody>')
     with pytest.raises(
         StageError,
-        match=r"start of demonstration 'p01' has 'world' and 'hook' 2 cm in each other, 1 cm are tolerated; .* <exclude",
+        match=r"start of demonstration 'p01' has 'world' and 'hook' 2 cm in each other, 1 cm are tolerated; .* "
+        r"<exclude",
     ):
         room(changed(gantry, deep, exclude), surface=None, collisions=True)
 

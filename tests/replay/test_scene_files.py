@@ -29,16 +29,23 @@ def arm(file: str = "tet.stl", compiler: str = "") -> str:
 
 
 INCLUDED = f'<include file="{ARM}"/>'
-ATTACHED = f'<asset><model name="arm" file="{ARM}"/></asset><worldbody><attach model="arm" body="link" prefix="a_"/></worldbody>'
+ATTACHED = (
+    f'<asset><model name="arm" file="{ARM}"/></asset>'
+    '<worldbody><attach model="arm" body="link" prefix="a_"/></worldbody>'
+)
 MESHDIR = '<compiler meshdir="assets"/>'
 LAYOUTS = {
     "beside the scene": ({SCENE: arm()}, "tet.stl"),
     "in a folder of the scene": ({SCENE: arm("meshes/tet.stl")}, "meshes/tet.stl"),
     "in the scene's meshdir": ({SCENE: arm(compiler=MESHDIR)}, "assets/tet.stl"),
     "beside the included arm": ({SCENE: MAIN.format(INCLUDED), ARM: arm()}, "arm/tet.stl"),
-    "in a folder of the included arm": ({SCENE: MAIN.format(INCLUDED), ARM: arm("meshes/tet.stl")}, "arm/meshes/tet.stl"),
+    "in a folder of the included arm": (
+        {SCENE: MAIN.format(INCLUDED), ARM: arm("meshes/tet.stl")}, "arm/meshes/tet.stl"
+    ),
     "of an included arm, beside the scene": ({SCENE: MAIN.format(INCLUDED), ARM: arm()}, "tet.stl"),
-    "of an included arm, in its meshdir": ({SCENE: MAIN.format(INCLUDED), ARM: arm(compiler=MESHDIR)}, "assets/tet.stl"),
+    "of an included arm, in its meshdir": (
+        {SCENE: MAIN.format(INCLUDED), ARM: arm(compiler=MESHDIR)}, "assets/tet.stl"
+    ),
     "of an included arm, in the scene's meshdir": (
         {SCENE: MAIN.format(INCLUDED + '<compiler meshdir="late"/>'), ARM: arm(compiler=MESHDIR)}, "late/tet.stl",
     ),

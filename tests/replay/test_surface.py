@@ -79,7 +79,10 @@ def test_no_trajectories(gantry):
         ("tip", [], ["hook", "thumb"]),  # a site: its body and what is below it
         ("hook", [], ["hook", "thumb"]),
         ("wrist", [], ["hook", "thumb", "wrist"]),
-        ("tip", [("</worldbody>", '</worldbody><equality><weld body1="thumb" body2="parcel"/></equality>')], ["hook", "parcel", "thumb"]),
+        (
+            "tip", [("</worldbody>", '</worldbody><equality><weld body1="thumb" body2="parcel"/></equality>')],
+            ["hook", "parcel", "thumb"],
+        ),
     ],
 )  # fmt: skip
 def test_what_the_end_effector_carries(gantry, end_effector, change, carried):
@@ -94,13 +97,22 @@ def test_what_the_end_effector_carries(gantry, end_effector, change, carried):
         ([('name="tip" pos="0.1 0 0"', 'name="tip" pos="0.02 0 0"')], 0.05 - 0.08),
         ([('<site name="tip"', '<site name="mark" pos="0.15 0 0"/><site name="tip"')], 0.1),  # a site beside it
         ([('<site name="tip"', '<geom type="box" pos="0.12 0 0" size="0.05 0.01 0.01"/><site name="tip"')], 0.12),
-        ([('<site name="tip"', '<geom type="sphere" pos="0.12 0 0" size="0.05" rgba="1 1 1 0"/><site name="tip"')], 0.12),
+        (
+            [('<site name="tip"', '<geom type="sphere" pos="0.12 0 0" size="0.05" rgba="1 1 1 0"/><site name="tip"')],
+            0.12,
+        ),
         (  # neither seen nor touched
-            [('<site name="tip"', '<geom pos="0.12 0 0" size="0.05" rgba="1 1 1 0" contype="0" conaffinity="0"/><site name="tip"')],
+            [(
+                '<site name="tip"',
+                '<geom pos="0.12 0 0" size="0.05" rgba="1 1 1 0" contype="0" conaffinity="0"/><site name="tip"',
+            )],
             0.05,
         ),
         (  # a parcel that a weld hangs on the hook
-            [("</worldbody>", '</worldbody><equality><weld body1="hook" body2="parcel" relpose="0.12 0 0 1 0 0 0"/></equality>')],
+            [(
+                "</worldbody>",
+                '</worldbody><equality><weld body1="hook" body2="parcel" relpose="0.12 0 0 1 0 0 0"/></equality>',
+            )],
             0.17,
         ),
     ],
@@ -188,7 +200,8 @@ def test_a_surface_must_be_a_box_site_that_stays(gantry):
 def test_a_surface_on_a_mocap_body_is_where_the_keyframe_has_it(gantry):
     moved = (
         '<body name="parcel"',
-        '<body name="desk" mocap="true" pos="9 9 9"><site name="desk" type="box" size="0.6 0.3 0.05"/></body><body name="parcel"',
+        '<body name="desk" mocap="true" pos="9 9 9"><site name="desk" type="box" size="0.6 0.3 0.05"/></body>'
+        '<body name="parcel"',
     )
     key = ('<key name="start"', '<key name="start" mpos="0.5 0 0.3"')
     scene = changed(gantry, moved, key)

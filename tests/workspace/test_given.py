@@ -72,11 +72,16 @@ def test_nested_and_flat_lists_are_the_same_trajectories(tmp_path: Path, scene: 
 
 
 WRONG = {
-    "joint after joint": (lambda p: p.transpose(0, 2, 1).tolist(), r"row 1 is 3 x 15; it has joint after joint: transpose it"),
-    "joint after joint in a row": (
-        lambda p: p.transpose(0, 2, 1).reshape(len(p), -1).tolist(), "rows are smooth if they are read joint after joint, as 3 x 15"
+    "joint after joint": (
+        lambda p: p.transpose(0, 2, 1).tolist(), r"row 1 is 3 x 15; it has joint after joint: transpose it"
     ),
-    "too few waypoints": (lambda p: p[:, 1:].tolist(), r"row 1 is 14 x 3; needed are 15 waypoints of 3 joints \(rail, swing, bend\)"),
+    "joint after joint in a row": (
+        lambda p: p.transpose(0, 2, 1).reshape(len(p), -1).tolist(),
+        "rows are smooth if they are read joint after joint, as 3 x 15",
+    ),
+    "too few waypoints": (
+        lambda p: p[:, 1:].tolist(), r"row 1 is 14 x 3; needed are 15 waypoints of 3 joints \(rail, swing, bend\)"
+    ),
     "uneven": (lambda p: [*p[:5].tolist(), p[5, :7].tolist()], "row 6 is 7 x 3"),
     "not finite": (lambda p: np.where(p == p[7, 3, 1], np.nan, p).tolist(), "row 8 has a number that is not finite"),
     "text": (lambda p: ["a"] * len(p), "row 1"),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.arrays import IndexArray
 from pipeline.choice.kernel.pairwise_likelihood import PairScore
-from pipeline.choice.kernel.row_sample import Reference, Whole
+from pipeline.choice.kernel.row_sample import RowsInMemory, RowSource
 from pipeline.choice.kernel.subsampled_likelihood import LIMIT, SampledScore
 from pipeline.choice.kernel.unique_rows import DistinctRows, distinct_rows
 from pipeline.choice.validation import matrix, positive
@@ -18,11 +18,11 @@ from pipeline.errors import ArgumentError, BandwidthError, one_of
 
 METHODS = ("leave-one-out", "k-fold", "literal")
 FOLDS = 5
-_MOST_ROWS = 30_000  # all pairs of so many take minutes
+_MOST_ROWS = 30_000  # comparing all pairs of 30,000 rows takes minutes
 
 
 class BandwidthWarning(UserWarning):
-    """A bandwidth is a bound of its search, not a maximum."""
+    """Warns that a selected bandwidth is a bound of the search and not a maximum."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Bandwidth:
         log_likelihood: what the method maximised, at `value`; None for a fixed number.
         method: `leave-one-out`, `k-fold`, `literal` or `fixed`.
         converged: whether `value` is a maximum; false only for `literal` at its lower bound.
-        rows_scored: how many rows the likelihood was evaluated on, each against all others, where that were not all.
-        log_likelihood_error: standard error of `log_likelihood` that comes from scoring some of the rows.
-        value_error: standard error of `value` that comes from it.
+        rows_scored: how many rows the likelihood was evaluated on, each against all others; None for all rows.
+        log_likelihood_error: standard error of `log_likelihood` from scoring a sample of the rows; None for all rows.
+        value_error: standard error of `value` from the same cause; None for all rows.
     """
 
     value: float
@@ -58,8 +58,9 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
     included and the one-dimensional normaliser, between the smallest distance of two distinct rows and the
     largest. A number is returned as it is.
 
-    Above 5000 distinct rows, `leave-one-out` scores about 4000 rows, always the same ones of a set, each against all
-    others, and estimates the sum over all rows from them, with its standard error (`SampledScore`).
+    Above 5000 distinct rows, `leave-one-out` scores a sample of about 4000 rows, the same one whenever it is given the
+    same set. Each is scored against all others, and the sum over all rows is estimated with its standard error
+    (`SampledScore`).
 
     >>> round(select_bandwidth([[0.0], [1.0]]).value, 9)  # two rows: |phi_1 - phi_2| / sqrt(F)
     1.0
@@ -72,7 +73,7 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
         The bandwidth with its log likelihood.
 
     Raises:
-        ArgumentError: an argument is out of range, or `k-fold` or `literal` is asked of more than 30,000 rows.
+        ArgumentError: an argument is out of range, or `k-fold` or `literal` is asked for with more than 30,000 rows.
         BandwidthError: fewer than two distinct rows, or no maximum was found; carries the last estimate.
 
     Warns:
@@ -92,7 +93,7 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
             "add alternatives, or give the bandwidth as a number."
         )
     if method == "leave-one-out" and len(groups.rows) > LIMIT:
-        return sampled_bandwidth(Whole(groups))
+        return sampled_bandwidth(RowsInMemory(groups))
     if len(groups.rows) > _MOST_ROWS:
         raise ArgumentError(
             f"features has {len(groups.rows)} distinct rows, and method {method!r} compares all pairs of at most "
@@ -111,22 +112,22 @@ def select_bandwidth(features: ArrayLike, method: str | float = "leave-one-out")
     return Bandwidth(sigma, score.log_likelihood(sigma), method, True)
 
 
-def sampled_bandwidth(rows: Reference) -> Bandwidth:
-    """The `leave-one-out` bandwidth of a large set, in memory or not, from some of its rows.
+def sampled_bandwidth(rows: RowSource) -> Bandwidth:
+    """The `leave-one-out` bandwidth of a large set, in memory or not, from a sample of its rows.
 
     Raises:
-        BandwidthError: as `select_bandwidth`.
+        BandwidthError: fewer than two distinct rows, or no maximum was found.
     """
     score = SampledScore(rows)
-    found = score.maximum()
+    estimate = score.maximum()
     return Bandwidth(
-        found.sigma, found.log_likelihood, "leave-one-out", True,
-        score.rows_scored, found.log_likelihood_error, found.sigma_error,
+        estimate.sigma, estimate.log_likelihood, "leave-one-out", True,
+        score.rows_scored, estimate.log_likelihood_error, estimate.sigma_error,
     )  # fmt: skip
 
 
 def _labels(count: int, method: str) -> IndexArray:
-    """(G,) for each distinct row; rows with the same label do not score each other."""
+    """(G,) a label for each distinct row; rows with the same label do not score each other."""
     rows = np.arange(count)
     return rows if method == "leave-one-out" else rows % min(FOLDS, count)
 

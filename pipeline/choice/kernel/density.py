@@ -20,7 +20,7 @@ from pipeline.errors import ArgumentError, one_of
 
 Engine: TypeAlias = Callable[[DistinctRows, float, FloatArray | None], FloatArray]
 
-# A kernel sum whose error may be larger, relative to itself, is summed over neighbours instead.
+# If the relative error of a spectral kernel sum may be larger than this, it is summed over neighbours instead.
 RELATIVE_ERROR = 1e-6
 
 
@@ -28,7 +28,7 @@ def log_density(features: ArrayLike, bandwidth: float, at: ArrayLike | None = No
     """Log of the Gaussian kernel sum, log sum_j exp(-|x - phi_j|^2 / (2 sigma^2)).
 
     The kernel has no normaliser: at a row of `features` the sum contains s(0) = 1 and its log is never negative.
-    The result does not depend on the order of the rows, bit for bit.
+    The order of the rows changes no bit of the result.
 
     >>> log_density([[0.0], [0.0], [9.0]], bandwidth=0.1).round(6)
     array([0.693147, 0.693147, 0.      ])
@@ -38,14 +38,15 @@ def log_density(features: ArrayLike, bandwidth: float, at: ArrayLike | None = No
         bandwidth: sigma > 0, in the units of `features`.
         at: (M, F) points x; the rows of `features` themselves if not given.
         engine: `exact` sums every pair. `neighbours` leaves out pairs beyond a cut-off (error below 1e-8).
-            `spectral` takes nonuniform FFTs of one to three features (error below 1e-6; `fourier.py` derives the bound),
-            and neighbours for points outside the set's box and sums too small for that. `auto` is `choose_engine`.
+            `spectral` uses nonuniform FFTs, for one to three features (error below 1e-6; `fourier.py` derives the
+            bound); points outside the set's box and sums too small for that bound are summed over neighbours.
+            `auto` uses the engine that `choose_engine` returns.
 
     Returns:
         (M,) log kernel sums.
 
     Raises:
-        ArgumentError: an argument is out of range, or the engine cannot do it.
+        ArgumentError: an argument is out of range, or the engine named cannot compute these sums.
 
     Source: the denominator of the LESS model, paper section "Similarity as Density".
     """
@@ -59,7 +60,7 @@ def log_density(features: ArrayLike, bandwidth: float, at: ArrayLike | None = No
 
 
 def choose_engine(features: ArrayLike, bandwidth: float, at: ArrayLike | None = None) -> EngineChoice:
-    """The engine that `log_density` uses on its own, with its predicted cost: the same for the same arguments.
+    """The engine that `log_density` uses by default, with its predicted cost: the same for the same arguments.
 
     >>> choose_engine([[0.0], [1.0]], bandwidth=0.1).engine
     'exact'
@@ -105,7 +106,8 @@ def _spectral(groups: DistinctRows, sigma: float, points: FloatArray | None) -> 
     total, dimensions = float(len(groups.index)), groups.rows.shape[1]
     if dimensions > DIMENSIONS:
         raise ArgumentError(
-            f"engine 'spectral' takes up to {DIMENSIONS} features where there are {dimensions}; use 'neighbours' or 'auto'."
+            f"engine 'spectral' takes up to {DIMENSIONS} features where there are {dimensions}; "
+            "use 'neighbours' or 'auto'."
         )
     slabs, cost = cost_model.slabs_within(groups.rows, total, None if points is None else len(points), sigma)
     if cost.memory_bytes > cost_model.MEMORY_BYTES:
@@ -113,16 +115,16 @@ def _spectral(groups: DistinctRows, sigma: float, points: FloatArray | None) -> 
             f"engine 'spectral' needs {cost.memory_bytes / 2**30:.1f} GiB for the {len(slabs)} parts of its grid where "
             f"{cost_model.MEMORY_BYTES / 2**30:g} GiB are allowed; use a wider bandwidth, 'neighbours' or 'auto'."
         )
-    wanted = groups.rows if points is None else points
-    least = groups.counts if points is None else 0.0  # a row's own kernel mass
-    inside = np.all((wanted >= groups.rows.min(axis=0)) & (wanted <= groups.rows.max(axis=0)), axis=1)
-    sums = np.zeros(len(wanted))
-    sums[inside], error = sums_in_slabs(slabs, groups.rows, groups.counts, wanted[inside], sigma)
-    sums = np.maximum(sums, least)
-    wrong = sums * RELATIVE_ERROR < error
-    log_sums = np.log(np.where(wrong, 1.0, sums))
-    if wrong.any():
-        log_sums[wrong] = Neighbours(groups.rows, groups.counts).log_sums_at(wanted[wrong], sigma)
+    targets = groups.rows if points is None else points
+    lower_bound = groups.counts if points is None else 0.0  # identical rows alone add up to their number
+    inside = np.all((targets >= groups.rows.min(axis=0)) & (targets <= groups.rows.max(axis=0)), axis=1)
+    sums = np.zeros(len(targets))
+    sums[inside], error = sums_in_slabs(slabs, groups.rows, groups.counts, targets[inside], sigma)
+    sums = np.maximum(sums, lower_bound)
+    inaccurate = sums * RELATIVE_ERROR < error
+    log_sums = np.log(np.where(inaccurate, 1.0, sums))
+    if inaccurate.any():
+        log_sums[inaccurate] = Neighbours(groups.rows, groups.counts).log_sums_at(targets[inaccurate], sigma)
     return np.asarray(log_sums)
 
 

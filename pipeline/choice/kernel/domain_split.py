@@ -1,7 +1,8 @@
-"""Kernel sums by sketches of bounded memory: a box whose grid is too large for one is cut into slabs.
+"""Kernel sums by sketches of bounded memory: a box whose grid is too large for one sketch is cut into slabs.
 
-The slabs are of equal thickness, along the feature whose range holds most bandwidths. A slab's own sketch holds its rows
-and those within the cut-off of its walls, its halo; what lies beyond adds less than 1e-8 to any sum in the slab.
+All slabs are equally thick, along the feature with the widest range. The sketch of a slab holds the rows in the slab
+and those in its halo, which are within the cut-off of its walls. Rows farther away add less than 1e-8 to any sum in
+the slab.
 """
 
 from __future__ import annotations
@@ -14,18 +15,18 @@ from pipeline.arrays import BoolArray, FloatArray
 from pipeline.choice.kernel.fourier import Grid, Sketch
 from pipeline.choice.kernel.pairwise import NEGLIGIBLE, cut_off
 
-MOST = 64  # slabs; thinner ones are mostly halo
+MOST = 64  # the most slabs of a box; thinner ones would be mostly halo
 
 
 @dataclass(frozen=True)
 class Slab:
-    """A part of the box.
+    """A part of a box, between two values of one feature.
 
     Attributes:
-        grid: of the slab with its halo.
+        grid: grid of the sketch, which covers the slab and its halo.
         axis: the feature along which the box is cut.
-        lower: least value of that feature; none below the first slab.
-        upper: the value at which the next slab starts; none above the last.
+        lower: least value of that feature in the slab; -inf for the first slab.
+        upper: the value at which the next slab starts; inf for the last slab.
         halo: width of the halo; 0 if the slab is the whole box.
     """
 
@@ -35,18 +36,18 @@ class Slab:
     upper: float
     halo: float
 
-    def own(self, points: FloatArray) -> BoolArray:
+    def contains(self, points: FloatArray) -> BoolArray:
         """(M,) which points lie in the slab."""
         return np.asarray((points[:, self.axis] >= self.lower) & (points[:, self.axis] < self.upper))
 
-    def around(self, rows: FloatArray) -> BoolArray:
-        """(N,) which rows its sketch holds."""
-        along = rows[:, self.axis]
-        return np.asarray((along >= self.lower - self.halo) & (along <= self.upper + self.halo))
+    def contains_or_adjoins(self, rows: FloatArray) -> BoolArray:
+        """(N,) which rows lie in the slab or its halo; these are the rows that its sketch holds."""
+        values = rows[:, self.axis]
+        return np.asarray((values >= self.lower - self.halo) & (values <= self.upper + self.halo))
 
 
 def cut(rows: FloatArray, total: float, sigma: float, count: int) -> tuple[Slab, ...]:
-    """The box of the rows as `count` slabs, for `total` rows and one bandwidth."""
+    """Cuts the box of the rows (N, F) into `count` slabs, for a set of `total` rows and one bandwidth."""
     lower, upper = rows.min(axis=0), rows.max(axis=0)
     axis = int(np.argmax(upper - lower))
     walls = np.linspace(lower[axis], upper[axis], count + 1)
@@ -75,11 +76,11 @@ def sums_in_slabs(
     """(M,) kernel sums at points in the box of the rows, and a bound on their error."""
     if len(slabs) == 1:
         return Sketch.of(rows, slabs[0].grid, counts).sums(points, sigma)
-    found, worst = np.empty(len(points)), 0.0
+    sums, largest_error = np.empty(len(points)), 0.0
     for slab in slabs:
-        here, around = slab.own(points), slab.around(rows)
-        if here.any():
-            sketch = Sketch.of(rows[around], slab.grid, counts[around])
-            found[here], error = sketch.sums(points[here], sigma)
-            worst = max(worst, error)
-    return found, worst + NEGLIGIBLE
+        inside, sketched = slab.contains(points), slab.contains_or_adjoins(rows)
+        if inside.any():
+            sketch = Sketch.of(rows[sketched], slab.grid, counts[sketched])
+            sums[inside], error = sketch.sums(points[inside], sigma)
+            largest_error = max(largest_error, error)
+    return sums, largest_error + NEGLIGIBLE

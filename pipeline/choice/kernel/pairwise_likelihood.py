@@ -9,28 +9,28 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from pipeline.arrays import FloatArray, IndexArray
+from pipeline.choice.kernel.pairwise import is_halved, kernels
 from pipeline.choice.kernel.unique_rows import DistinctRows
 from pipeline.errors import BandwidthError
 
-# The excess of a pair that is left out. Finite, because its kernel is 0 and 0 * inf is NaN; exp() of it is 0 for
-# every sigma down to _SMALLEST (both in units of the largest distance), and dividing by 2 sigma^2 stays finite.
+# The excess of a pair that is left out. It is finite, because its kernel is 0 and 0 * inf would be NaN. For every sigma
+# down to _SMALLEST (both in units of the largest distance) excess / (2 sigma^2) is finite and the kernel is 0.
 _LEFT_OUT = 1e180
 _SMALLEST = 1e-60
 
-_KEPT_ROWS = 3000  # up to here all pairs are kept (72 MB); above, they are formed block by block
+_KEPT_ROWS = 3000  # up to this many rows all pairs are kept in memory (72 MB); above, they are formed block by block
 _BLOCK_PAIRS = 4_000_000
-_FRESH = 16  # each squaring of a kernel value doubles its relative error: start again after so many
 
 
 class PairScore:
     """sum_i c_i log [ sum_j c_j exp(-d_ij^2 / 2 sigma^2) / (n_i (sigma sqrt(2 pi))^D) ] as a function of sigma.
 
-    i and j run over distinct rows with counts c; j only over rows whose label differs from that of i, n_i being
-    their number. Without labels j runs over all rows, i included, and n_i is 1: the paper's printed formula.
+    i and j run over distinct rows with counts c; j only over the n_i rows whose label differs from that of i. Without
+    labels j runs over all rows, i included, and n_i is 1: the formula as the paper prints it.
 
     Args:
         groups: distinct rows (G, F), at least two.
-        labels: (G,) or None.
+        labels: (G,) a label per distinct row, or None.
         dimensions: D of the normaliser.
 
     Raises:
@@ -64,10 +64,11 @@ class PairScore:
         )
 
     def stationary_range(self) -> tuple[float, float]:
-        """Bounds that hold every stationary point.
+        """Bounds between which every stationary point lies.
 
-        The slope vanishes where D sigma^2 is the mean over i of a weighted mean over j of d_ij^2, which lies
-        between the nearest and the farthest. A factor of sqrt(2) on either side makes every maximum an inner one.
+        The slope vanishes where D sigma^2 is the mean over i of a weighted mean over j of d_ij^2, which lies between
+        the squared distances of the nearest and the farthest row. A factor of sqrt(2) on either side puts every
+        maximum inside the bounds.
         """
         weights = self._counts / (self._counts.sum() * self._dimensions)
         lower = math.sqrt(0.5 * float(np.sum(weights * self._nearest)))
@@ -79,7 +80,7 @@ class PairScore:
         return math.sqrt(self._nearest.min()) * self._unit, self._unit
 
     def log_likelihood(self, sigma: float) -> float:
-        """The score at `sigma`."""
+        """The log likelihood of the bandwidth `sigma`."""
         return float(self._log_likelihoods(np.array([sigma / self._unit]))[0])
 
     def maximum(self, lower: float, upper: float) -> float | None:
@@ -111,7 +112,7 @@ class PairScore:
         for _ in range(20):
             if self._slope(low) > 0 > self._slope(high):
                 return math.exp(brentq(self._slope, low, high, xtol=1e-11))
-            # More than one maximum between them: look closer.
+            # There is more than one maximum between them: look at a finer grid around the best.
             closer = np.linspace(high, low, 9)
             best = min(max(int(np.argmax(self._log_likelihoods(np.exp(closer)))), 1), 7)
             low, high = closer[best + 1], closer[best - 1]
@@ -125,14 +126,9 @@ class PairScore:
         """Scores at descending `sigmas` (units of the largest distance), in one pass over the pairs."""
         scores = -self._counts.sum() * self._dimensions * np.log(sigmas) + self._constant
         scores -= 0.5 * float(np.sum(self._counts * self._nearest)) / sigmas**2
+        precisions, halved = np.array([0.5 / sigma**2 for sigma in sigmas]), is_halved(sigmas)
         for block, excess in self._excesses():
-            kernel = np.empty_like(excess)
-            for step, sigma in enumerate(sigmas):
-                # A step of sqrt(2) down in sigma squares the kernel: much cheaper than exp.
-                if step % _FRESH and np.isclose(sigmas[step - 1] / sigma, math.sqrt(2), rtol=1e-12, atol=0):
-                    np.multiply(kernel, kernel, out=kernel)
-                else:
-                    np.exp(excess * (-0.5 / sigma**2), out=kernel)
+            for step, kernel in enumerate(kernels(excess, precisions, halved)):
                 sums = np.einsum("ij,j->i", kernel, self._counts)
                 scores[step] += float(np.sum(self._counts[block] * np.log(sums)))
         return np.asarray(scores)
@@ -156,7 +152,7 @@ class PairScore:
             yield block, self._excess(block)
 
     def _excess(self, block: slice) -> FloatArray:
-        """Squared distances beyond that of the nearest row: the largest kernel value of a row is 1, never 0."""
+        """Squared distances minus that of the nearest row, so that the largest kernel value of a row is 1, never 0."""
         squared = cdist(self._rows[block], self._rows, "sqeuclidean")
         squared /= self._unit**2
         squared -= self._nearest[block, None]

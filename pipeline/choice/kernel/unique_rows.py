@@ -1,4 +1,4 @@
-"""Rows that are identical, number for number."""
+"""The distinct rows of an array. Two rows are identical if all their numbers are equal."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ class DistinctRows:
     """The distinct rows of an (N, F) array.
 
     Attributes:
-        rows: (G, F), in lexicographic order: the same for any order of the input.
-        counts: (G,) how often each occurs.
-        index: (N,) which distinct row each input row is: `rows[index]` is the input.
+        rows: (G, F) distinct rows in lexicographic order, so that the order of the input does not matter.
+        counts: (G,) how often each occurs in the input.
+        index: (N,) the distinct row that each input row equals: `rows[index]` is the input.
     """
 
     rows: FloatArray
@@ -36,13 +36,13 @@ def distinct_rows(rows: FloatArray) -> DistinctRows:
 
 
 def _lexicographic(rows: FloatArray) -> IndexArray:
-    """(N,) the lexicographic order: by the first column, which most often tells all rows apart, then of its ties."""
+    """(N,) positions in lexicographic order: by the first column, which often suffices, and then within its ties."""
     order = np.argsort(np.ascontiguousarray(rows[:, 0]))
     first = rows[order, 0]
     same = first[1:] == first[:-1]
     tied = np.zeros(len(rows), dtype=bool)
     tied[1:] = same
     tied[:-1] |= same
-    some = order[tied]
-    order[tied] = some[np.lexsort(rows[some].T[::-1])]
+    tied_rows = order[tied]
+    order[tied] = tied_rows[np.lexsort(rows[tied_rows].T[::-1])]
     return order

@@ -99,7 +99,10 @@ def asked(path: Path, sql: str, time_limit_s: float = TIME_LIMIT_S) -> Iterator[
         question.write(sql.encode("utf-8", "surrogateescape"))
         question.seek(0)
         process = subprocess.Popen(  # noqa: S603
-            [sys.executable, "-P", "-m", query_process.__name__, str(database), repr(time_limit_s), str(sentence.fileno())],
+            [
+                sys.executable, "-P", "-m", query_process.__name__, str(database), repr(time_limit_s),
+                str(sentence.fileno()),
+            ],
             env=_environment(), stdin=question, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             pass_fds=[sentence.fileno()],
         )  # fmt: skip
@@ -153,7 +156,8 @@ def _frame(rows: pa.Table | pa.RecordBatch) -> pl.DataFrame:
         return cast("pl.DataFrame", pl.from_arrow(rows))
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, NotImplementedError, ValueError) as error:
         raise QueryError(
-            f"the answer holds what cannot be shown ({' '.join(str(error).split())[:200]}); cast it, for example `column::varchar`"
+            f"the answer holds what cannot be shown ({' '.join(str(error).split())[:200]}); cast it, for example "
+            "`column::varchar`"
         ) from None
 
 
@@ -204,13 +208,16 @@ def _without_memory(status: int) -> str:
     if lacking is not None:
         return _too_little(lacking)
     return (
-        f"the question took more memory than it may ({query_process.MEMORY_LIMIT}), or asked what DuckDB cannot do; ask "
-        "for less"
+        f"the question took more memory than it may ({query_process.MEMORY_LIMIT}), or asked what DuckDB cannot do; "
+        "ask for less"
     )
 
 
 def _too_little(lacking: str) -> str:
-    return f"there is too little memory here for questions ({lacking}); end other programs or raise the limit, and ask again"
+    return (
+        f"there is too little memory here for questions ({lacking}); end other programs or raise the limit, and ask "
+        "again"
+    )
 
 
 def _environment() -> dict[str, str]:

@@ -95,7 +95,8 @@ VIEWS: Mapping[str, View] = {
             "total": "log predictive probability of all, summed [nat]",
             "mean": "log predictive probability per demonstration [nat]",
             "standard_error": "of the mean [nat]",
-            "difference": "mean less that of Boltzmann, demonstration by demonstration [nat]; missing without Boltzmann",
+            "difference": "mean less that of Boltzmann, demonstration by demonstration [nat]; missing without "
+            "Boltzmann",
             "difference_standard_error": "of the difference [nat]",
         },
     ),
@@ -126,8 +127,8 @@ VIEWS: Mapping[str, View] = {
             "sets": "how many sets of this size were compared",
             "answers": "how many different most probable thetas (beta summed out) they give",
             "agreeing": "share of the sets that give the most frequent of these",
-            "mean_total_variation": "total variation distance of two sets' posteriors over theta, mean over pairs: 0 is "
-            "the same, 1 is nothing in common; missing for one set",
+            "mean_total_variation": "total variation distance of two sets' posteriors over theta, mean over pairs: 0 "
+            "is the same, 1 is nothing in common; missing for one set",
             "largest_total_variation": "the largest over pairs; missing for one set",
         },
     ),
@@ -143,14 +144,16 @@ VIEWS: Mapping[str, View] = {
         {
             "other_model": "the model it is compared with",
             "other_theta_id": "most probable theta under that one",
-            "total_variation": "total variation distance of the posteriors over theta: 0 is the same, 1 nothing in common",
+            "total_variation": "total variation distance of the posteriors over theta: 0 is the same, 1 nothing in "
+            "common",
         },
     ),
     "people_against_group": View(
         ("posteriors",),
         "what one demonstration says beside what all together say: whose says something else",
         f"""select {", ".join("one." + name for name in _KEYS.split(", "))}, one.theta_id, one.theta,
-                  pooled.theta_id as group_theta_id, pooled.theta as group_theta, one.theta_id <> pooled.theta_id as differs,
+                  pooled.theta_id as group_theta_id, pooled.theta as group_theta,
+                  one.theta_id <> pooled.theta_id as differs,
                   degrees(acos(greatest(-1, least(1, list_cosine_similarity(one.theta, pooled.theta))))) as angle_deg
            from best_hypothesis one join best_hypothesis pooled using (task, model, set_size, set_id)
            where one.demonstration_id <> 'all' and pooled.participant = 'all'
@@ -184,7 +187,8 @@ VIEWS: Mapping[str, View] = {
            join demonstrations d on d.task = asked.task and (d.demonstration_id = asked.demonstration_id
              or asked.demonstration_id = 'all' and asked.participant in ('all', d.participant))
            left join demo_files on demo_files.task = asked.task
-           left join inputs i on i.file = demo_files.file and (i.input = d.source or ends_with(i.input, '/' || d.source))
+           left join inputs i on i.file = demo_files.file
+               and (i.input = d.source or ends_with(i.input, '/' || d.source))
            left join posterior_files f on f.task = asked.task order by all""",
         {
             "recorded_as": "demonstration_id of the recording",

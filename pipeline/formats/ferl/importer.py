@@ -107,7 +107,8 @@ def _demonstrations(content: object) -> list[_Poses]:
     held = f"a list of {len(content)} items" if isinstance(content, list) else f"one {type(content).__name__}"
     raise rejection(
         "unsupported-encoding",
-        f"The pickle holds {held}; needed are arrays of joint positions (poses by joints), a list of them, or a Trajectory.",
+        f"The pickle holds {held}; needed are arrays of joint positions (poses by joints), a list of them, or a "
+        "Trajectory.",
     )
 
 

@@ -105,7 +105,8 @@ class _Machine:
             if code not in self._STEPS:
                 raise rejection(
                     "unsupported-encoding",
-                    f"The pickle has the opcode {code!r} at byte {self._at - 1}, which arrays do not need; it is refused.",
+                    f"The pickle has the opcode {code!r} at byte {self._at - 1}, which arrays do not need; it is "
+                    "refused.",
                 )
             self._STEPS[code](self)
         raise rejection("too-large", f"The pickle has more than {MAX_OPCODES:,} opcodes; joint arrays need far fewer.")
@@ -264,7 +265,8 @@ def _integer(text: bytes) -> int:
 def _refused(what: str) -> RecordingError:
     return rejection(
         "unsupported-encoding",
-        f"The pickle {what}; only arrays of little-endian 8-byte floats and trajectories of them are read, nothing is run.",
+        f"The pickle {what}; only arrays of little-endian 8-byte floats and trajectories of them are read, nothing is "
+        "run.",
     )
 
 

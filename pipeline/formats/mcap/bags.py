@@ -157,8 +157,8 @@ def _unused(path: Path) -> Unused:
         return Unused(
             path.name,
             "not-read",
-            f"It is a folder with {inside} MCAP file{'s' * (inside != 1)}, and folders in the folder of recordings are not "
-            "looked into; move the files up, or give them a task of their own.",
+            f"It is a folder with {inside} MCAP file{'s' * (inside != 1)}, and folders in the folder of recordings are "
+            "not looked into; move the files up, or give them a task of their own.",
         )
     error = unread(path)
     if error is not None:
@@ -180,8 +180,8 @@ def _indexed(folder: Path) -> Bag | None:
         if len(name.parts) != 1 or not file.is_file():
             raise rejection(
                 "incomplete-bag",
-                f"{INDEX} lists the parts of one recording, and {name} is not in the folder; put it back, or remove {INDEX} if "
-                "the others are recordings of their own.",
+                f"{INDEX} lists the parts of one recording, and {name} is not in the folder; put it back, or remove "
+                f"{INDEX} if the others are recordings of their own.",
             )
     found = _NUMBERED.fullmatch(files[0].stem)
     return Bag(found[1] if found else files[0].stem, tuple(files), listed=True)

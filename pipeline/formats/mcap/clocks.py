@@ -38,9 +38,9 @@ class Timed:
 def timed(topic: str, times: Mapping[Clock, IntArray], positions: FloatArray, asked: Clock | None) -> Timed:
     """Times of the samples (M,) by the first clock that runs, or by the one that is asked for.
 
-    A clock runs if it moves in at least half of the steps from one sample to the next. Exact repeats, the same pose at the
-    same time, are left out. So is a sample without a header stamp (0, unless the clock begins at 0), and one whose time
-    repeats or goes back by no more than `SLIGHT` sampling intervals.
+    A clock runs if it moves in at least half of the steps from one sample to the next. Exact repeats, the same pose at
+    the same time, are left out. So is a sample without a header stamp (0, unless the clock begins at 0), and one whose
+    time repeats or goes back by no more than `SLIGHT` sampling intervals.
 
     Args:
         topic: for messages.
@@ -118,7 +118,7 @@ def _ahead(topic: str, clock: Clock, time_ns: IntArray, rows: IntArray) -> BoolA
         raise rejection(
             "time-not-increasing",
             f"Pose {rows[row] + 1} on {topic} is {behind[row] / 1e9:g} s earlier than a pose before it by its {clock} "
-            f"time, as if a clock was set or files were joined; keep one part, with `mcap filter --start ... --end ...`, "
-            f"or set ingest.clock to {others} if that one runs on.",
+            "time, as if a clock was set or files were joined; keep one part, with `mcap filter --start ... --end "
+            f"...`, or set ingest.clock to {others} if that one runs on.",
         )
     return np.concatenate([[True], behind[1:] < 0])

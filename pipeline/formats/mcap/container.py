@@ -218,8 +218,8 @@ def _record(file: BinaryIO | _Digesting, size: int, limits: Limits) -> tuple[byt
     left = size - offset - FRAME.size
     if opcode == 0:
         raise CutOff(
-            f"The record at byte {offset} has the type 0, which no record has; the file was not written any further or is "
-            f"damaged, {_RECOVER}.",
+            f"The record at byte {offset} has the type 0, which no record has; the file was not written any further or "
+            f"is damaged, {_RECOVER}.",
             offset,
             size - offset,
         )

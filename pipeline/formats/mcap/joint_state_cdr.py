@@ -3,8 +3,8 @@
 Layout, offsets counted from behind the first 4 bytes, in CDR numbers aligned to their own size:
 stamp int32 s, uint32 ns · frame_id string · name string[] · position float64[] · velocity float64[] · effort float64[].
 The first 4 bytes are the encapsulation header in CDR, the running number of the message in ROS 1, where nothing is
-aligned. A string is its length as uint32, in CDR with the closing NUL, then the bytes; a sequence is its length as uint32,
-then the elements.
+aligned. A string is its length as uint32, in CDR with the closing NUL, then the bytes; a sequence is its length as
+uint32, then the elements.
 """
 
 from __future__ import annotations

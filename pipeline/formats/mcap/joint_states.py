@@ -50,7 +50,8 @@ class JointRecording:
         names: the K joints.
         positions: (M, K) finite, rad for revolute joints and m for prismatic ones, as recorded (not unwrapped).
         metadata: the file's metadata records, name -> key -> text.
-        clock: what `time_ns` is: the first of header stamps, publish times and log times that runs (see `clocks.timed`).
+        clock: what `time_ns` is: the first of header stamps, publish times and log times that runs (see
+            `clocks.timed`).
         dropped: how many poses were left out because that clock had no time of their own for them.
         remarks: what is odd about the recording, or was chosen in reading it, a phrase each.
         hashes: of the bytes that were read, SHA-256, by file.
@@ -130,8 +131,8 @@ def read_joint_states(
     Messages are taken in the order in which the file has them: a recorder writes one topic as it comes, so a time that
     goes back means that a clock was set or that the file was put together, and either makes the motion a guess. Skipped
     are messages without positions (they carry no pose), messages naming none of the joints (another device on the same
-    topic), and exact repeats: the same pose at the same time. Poses whose time repeats or is a little late are left out and
-    counted. Anything else that is out of order is an error.
+    topic), and exact repeats: the same pose at the same time. Poses whose time repeats or is a little late are left out
+    and counted. Anything else that is out of order is an error.
 
     Args:
         path: an MCAP file.
@@ -139,8 +140,8 @@ def read_joint_states(
         joints: the joints needed, which become the columns in this order; None for those of the first message.
         limits: what reading may cost.
         clock: which times to use; None for the first clock that runs.
-        salvage: of a file that is cut off, use the whole records before that place instead of refusing it. Only a cut is
-            salvaged: what fails a checksum or contradicts itself is refused all the same.
+        salvage: of a file that is cut off, use the whole records before that place instead of refusing it. Only a cut
+            is salvaged: what fails a checksum or contradicts itself is refused all the same.
         least: how many poses are needed, 2 unless it is a part of a recording.
 
     Raises:
@@ -176,8 +177,8 @@ def joined(parts: Sequence[JointRecording]) -> JointRecording:
         if after.time_ns[0] <= before.time_ns[-1]:
             raise rejection(
                 "time-not-increasing",
-                f"{after.path.name} begins before {before.path.name} ends, and both are parts of one recording; move files "
-                "that are recordings of their own into another folder.",
+                f"{after.path.name} begins before {before.path.name} ends, and both are parts of one recording; move "
+                "files that are recordings of their own into another folder.",
             )
     time_ns, positions = (
         np.concatenate([getattr(part, field) for part in parts]) for field in ("time_ns", "positions")
@@ -272,7 +273,8 @@ def _joint_recording(
     if not blocks:
         raise rejection(
             "too-few-messages",
-            f"No message on {choice.topic} has positions; at least {least} pose{'s are' if least > 1 else ' is'} needed.",
+            f"No message on {choice.topic} has positions; at least {least} pose{'s are' if least > 1 else ' is'} "
+            "needed.",
         )
     names = tuple(joints or min(blocks, key=lambda block: block.log_ns.min()).states.names)
     found = poses(choice.topic, blocks, names, clock, least)
@@ -313,8 +315,8 @@ def _lost(contents: Contents) -> str | None:
         return "No message: the file breaks off after the last of them."
     trust = f", {cut.unchecked} of their bytes covered by no checksum" if cut.unchecked else ""
     return (
-        f"{cut.left} bytes from byte {cut.at} on and whatever was never written; used are the {contents.messages} messages "
-        f"before{trust}."
+        f"{cut.left} bytes from byte {cut.at} on and whatever was never written; used are the {contents.messages} "
+        f"messages before{trust}."
     )
 
 

@@ -21,8 +21,8 @@ class Limits:
         declared_bytes: all schemas, channels and metadata records together.
         joint_states: messages on one JointState channel.
         joint_values: positions in all JointState messages together.
-        steps: what is looked at one by one: a record that is unlike the one before it is 1 step, an opened chunk or a new
-            layout of messages about as many as the time it takes.
+        steps: what is looked at one by one: a record that is unlike the one before it is 1 step, an opened chunk or a
+            new layout of messages about as many as the time it takes.
     """
 
     record_bytes: int = 64 << 20

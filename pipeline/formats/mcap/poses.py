@@ -153,6 +153,6 @@ def _check_span(topic: str, time_ns: IntArray, clock: Clock) -> None:
     if span_s > LONGEST_S:
         raise rejection(
             "out-of-range",
-            f"The poses on {topic} span {span_s / 86_400:.4g} days by their {clock} time; one demonstration takes at most "
-            f"{LONGEST_S / 86_400:g}.",
+            f"The poses on {topic} span {span_s / 86_400:.4g} days by their {clock} time; one demonstration takes at "
+            f"most {LONGEST_S / 86_400:g}.",
         )

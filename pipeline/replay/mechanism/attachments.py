@@ -1,7 +1,7 @@
 """What an arm carries by a weld, and what a constraint ties together that replay cannot hold.
 
-A body with a free joint that an active weld ties to a body of the arm is carried: it keeps its place on that body, as the
-weld's forces would hold it. Constraints that would move the arm itself are refused.
+A body with a free joint that an active weld ties to a body of the arm is carried: it keeps its place on that body, as
+the weld's forces would hold it. Constraints that would move the arm itself are refused.
 """
 
 from __future__ import annotations
@@ -96,13 +96,13 @@ def attachments(path: Path, data: Any, carrier: IndexArray) -> tuple[tuple[Attac
             held, other = (model.body(body).name or "world" for body in (bodies[1 - loose], bodies[loose]))
             raise SceneError(
                 f"{path}: equality constraint {_name(model, tie)} ties body {held!r}, which the joints move, to "
-                f"{other!r}, which cannot follow it; positions of the joints alone do not say how such a loop moves. Where "
-                'it may be ignored, set active="false" on it.'
+                f"{other!r}, which cannot follow it; positions of the joints alone do not say how such a loop moves. "
+                'Where it may be ignored, set active="false" on it.'
             )
         if model.eq_type[tie] != mujoco.mjtEq.mjEQ_WELD or not model.eq_data[tie, 10]:
             remarks.append(
-                f"body {model.body(root).name!r} hangs from a point ({_name(model, tie)}), which does not say how it is "
-                "turned; it stays where the keyframe has it"
+                f"body {model.body(root).name!r} hangs from a point ({_name(model, tie)}), which does not say how it "
+                "is turned; it stays where the keyframe has it"
             )
             continue
         found.append(_attachment(data, tie, bodies[1 - loose], root, loose))

@@ -21,7 +21,7 @@ _MANY_TURNS = 4
 
 
 def likely_cause(limits: Limits, positions: FloatArray) -> str | None:
-    """One sentence on what positions (T, J), some beyond their limits, look like, and what to do; None if like nothing."""
+    """A sentence on what positions (T, J), some beyond their limits, look like, and what to do; or None."""
     for found in (_zeros, _ticks, _degrees_or_percent, _millimetres, _range_in_radians, _another_order):
         cause = found(limits, positions)
         if cause is not None:
@@ -37,7 +37,10 @@ def many_turns(limits: Limits, positions: FloatArray) -> str | None:
     if turns[j] <= _MANY_TURNS:
         return None
     value = positions[np.abs(positions[:, j]).argmax(), j]
-    return f"Joint {limits.joints[j]!r} is at {value:.6g} rad, {turns[j]:.0f} turns; if these are degrees, convert them to radians."
+    return (
+        f"Joint {limits.joints[j]!r} is at {value:.6g} rad, {turns[j]:.0f} turns; if these are degrees, convert them "
+        "to radians."
+    )
 
 
 def ranges_in_radians(limits: Limits) -> list[str]:
@@ -90,9 +93,9 @@ def _range_in_radians(limits: Limits, positions: FloatArray) -> str | None:
         low, high = degrees(limits.lower[j]), degrees(limits.upper[j])
         if not limits.fit(positions)[j] and ((positions[:, j] >= low) & (positions[:, j] <= high)).all():
             return (
-                f"The range of {limits.joints[j]!r} reads as {low:.4g} to {high:.4g} radians that were taken for degrees: "
-                'MuJoCo takes degrees unless the file that has the joint says <compiler angle="radian"/>; add it, or give '
-                "the range in degrees."
+                f"The range of {limits.joints[j]!r} reads as {low:.4g} to {high:.4g} radians that were taken for "
+                'degrees: MuJoCo takes degrees unless the file that has the joint says <compiler angle="radian"/>; add '
+                "it, or give the range in degrees."
             )
     return None
 

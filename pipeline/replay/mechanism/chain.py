@@ -118,8 +118,8 @@ class Chain:
             apart = np.abs(ours[..., trial] - theirs).max(axis=(1, 2))
             if not apart.max() < _AGREEMENT * max(1.0, np.abs(data.xpos).max()):
                 raise SceneError(
-                    f"body {model.body(int(apart.argmax())).name!r} differs by up to {apart.max():.3g} from where MuJoCo "
-                    f"has it when the joints move; only bodies that hinges and slides carry can be replayed."
+                    f"body {model.body(int(apart.argmax())).name!r} differs by up to {apart.max():.3g} from where "
+                    f"MuJoCo has it when the joints move; only bodies that hinges and slides carry can be replayed."
                 )
 
     def posed(self, configurations: FloatArray) -> Posed:

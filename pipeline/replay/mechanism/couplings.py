@@ -1,8 +1,8 @@
 """Joints that follow others: the equality constraints between joints, and URDF's mimic joints, which become such.
 
-MuJoCo holds `y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4` between a follower y and its leader x (its reference, XML,
-equality/joint). It does so by forces; `mj_kinematics` alone leaves the follower where it is. Replay has no forces, so the
-follower is computed.
+MuJoCo holds `y - y0 = a0 + a1 (x - x0) + ... + a4 (x - x0)^4` between a follower y and its leader x (its reference,
+XML, equality/joint). It does so by forces; `mj_kinematics` alone leaves the follower where it is. Replay has no forces,
+so the follower is computed.
 """
 
 from __future__ import annotations

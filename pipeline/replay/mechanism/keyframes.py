@@ -89,8 +89,8 @@ def require_coupled(path: Path, model: Any, name: str, keyframe: Keyframe, coupl
             follower = model.joint(one.follower).name
             said = f"joint {model.joint(one.leader).name!r}" if one.leader >= 0 else "an equality constraint"
             raise SceneError(
-                f"{path}: keyframe {name!r} has joint {follower!r} at {given:.6g}, and {said} wants it at {wanted:.6g}; "
-                "write that into the keyframe."
+                f"{path}: keyframe {name!r} has joint {follower!r} at {given:.6g}, and {said} wants it at "
+                f"{wanted:.6g}; write that into the keyframe."
             )
 
 

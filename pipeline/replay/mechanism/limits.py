@@ -1,7 +1,7 @@
 """Whether joint positions can be right: judged by the joints' limits, with the likely cause where they cannot.
 
-Everything that names positions of a scene's joints is judged here: keyframes, recordings, given trajectories, the ends of
-sampled paths. How far a position may be beyond a limit is stated once, in the constants below.
+Everything that names positions of a scene's joints is judged here: keyframes, recordings, given trajectories, the ends
+of sampled paths. How far a position may be beyond a limit is stated once, in the constants below.
 """
 
 from __future__ import annotations
@@ -93,7 +93,10 @@ class JointJudgement:
         unit = "m" if self.slides else "rad"
         limits = f"its limits are {self.lower:.6g} to {self.upper:.6g} {unit}"
         if self.verdict is Verdict.TURNED:
-            return f"joint {self.joint!r} is at {self.value:.6g}, a whole turn from its limits, {self.lower:.6g} to {self.upper:.6g} rad"
+            return (
+                f"joint {self.joint!r} is at {self.value:.6g}, a whole turn from its limits, {self.lower:.6g} to "
+                f"{self.upper:.6g} rad"
+            )
         return f"joint {self.joint!r} is at {self.value:.6g}; {limits}"
 
 
@@ -136,10 +139,10 @@ class Judgement:
 def judge_positions(limits: Limits, positions: FloatArray) -> Judgement:
     """Judge positions of a scene's joints by the joints' limits.
 
-    A joint is within its limits, or beyond one by less than the tolerance (see `Limits.tolerance`), or within them after
-    whole turns, or beyond. Whole turns are added to a limited hinge where its positions are one turn away, or where they
-    jump by a turn from one sample to the next, as drivers that report within one turn let them. Joints without limits
-    are always within them.
+    A joint is within its limits, or beyond one by less than the tolerance (see `Limits.tolerance`), or within them
+    after whole turns, or beyond. Whole turns are added to a limited hinge where its positions are one turn away, or
+    where they jump by a turn from one sample to the next, as drivers that report within one turn let them. Joints
+    without limits are always within them.
 
     Args:
         limits: of the J joints, such as `Scene.limits`.

@@ -1,4 +1,4 @@
-"""What a configuration of the replayed joints sets in MuJoCo: these joints, those that follow them, and all that stays."""
+"""What a configuration of the replayed joints sets in MuJoCo: these joints, those that follow, and all that stays."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Section 4 of the paper: demonstrations on a grid world under two models of people and two of the robot."""
+"""Section 4 of the paper: inference from simulated demonstrations in a grid world, under several models of choice."""

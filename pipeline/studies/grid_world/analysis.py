@@ -1,4 +1,4 @@
-"""The statistics of the grid world: is inference better when its model is that of the people?"""
+"""Statistics of the grid world: is inference better when it uses the model by which people choose?"""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from pipeline.studies.grid_world.trials import HIDDEN_MODELS, SAMPLING_MODELS
 from pipeline.studies.statistics import repeated_logistic, repeated_measures_anova, tukey_hsd
 from pipeline.vocabulary import BOLTZMANN, LESS
 
-FACTORIAL = (
-    "sampling x inference"  # the experiment of section 4.1; those of section 4.3 have their sampling model's name
-)
+# The experiment of section 4.1. Those of section 4.3 have the name of their sampling model.
+FACTORIAL = "sampling x inference"
 ALPHA = 0.05
 
 
@@ -22,16 +21,16 @@ class GridWorldAnalysis:
     """Tables of the analysis. A subject is one theta with one seed.
 
     Attributes:
-        summary: per sampling model, inference model and theta: `sets`, `true_posterior` (mean), `standard_error`,
-            `true_match` (share); `theta_id` is null in the rows over all thetas.
-        anova: `experiment` and the columns of `repeated_measures_anova`, of TruePosterior.
-        post_hoc: the columns of `tukey_hsd`, of TruePosterior, over the four cells of the factorial experiment.
-        logistic: `experiment` and the columns of `repeated_logistic`, of TrueMatch; inference_model is LESS against
-            Boltzmann.
+        summary: one row per sampling model, inference model and theta: `sets`, `true_posterior` (mean),
+            `standard_error`, `true_match` (share); `theta_id` is null in the rows over all thetas.
+        anova: `experiment` and the columns of `repeated_measures_anova`, for TruePosterior.
+        post_hoc: the columns of `tukey_hsd`, for TruePosterior, over the four cells of the factorial experiment.
+        logistic: `experiment` and the columns of `repeated_logistic`, for TrueMatch; the term `inference_model`
+            compares LESS with Boltzmann.
         hypotheses: one row per hypothesis and sampling model: `hypothesis`, `sampling_model`, `expected` and `other`
             (the inference models), `posterior_expected`, `posterior_other`, `posterior_p_value`, `match_expected`,
-            `match_other`, `match_odds_ratio` (expected to other), `match_p_value`, `supported` (the expected model is
-            ahead in both measures, both at the 0.05 level).
+            `match_other`, `match_odds_ratio` (expected over other), `match_p_value`, `supported` (the expected model is
+            better in both measures, each at the 0.05 level).
     """
 
     summary: pl.DataFrame
@@ -43,7 +42,7 @@ class GridWorldAnalysis:
 
 def analyse(trials: pl.DataFrame) -> GridWorldAnalysis:
     """Analyse the table of `run_trials`."""
-    # the analysis of the paper compares two models of inference; the further ones are in the summary
+    # the paper compares two models of inference; the other models are in the summary alone
     compared = trials.filter(pl.col("inference_model").is_in(SAMPLING_MODELS)).with_columns(
         subject=pl.format("{}/{}", "theta_id", "seed")
     )
@@ -87,10 +86,10 @@ def _hypothesis(name: str, sampling_model: str, tables: _Tables, expected: str) 
     if sampling_model in HIDDEN_MODELS:
         p_value = tables.anova.filter(pl.col("experiment") == sampling_model)["p_value"].item()
     else:
-        both = (pl.col("sampling_model_a") == sampling_model) & (pl.col("sampling_model_b") == sampling_model)
-        p_value = tables.post_hoc.filter(both)["p_value"].item()
+        pair = (pl.col("sampling_model_a") == sampling_model) & (pl.col("sampling_model_b") == sampling_model)
+        p_value = tables.post_hoc.filter(pair)["p_value"].item()
     logit = tables.logistic.filter(pl.col("experiment") == sampling_model).row(0, named=True)
-    odds_ratio = logit["odds_ratio"]  # of LESS to Boltzmann
+    odds_ratio = logit["odds_ratio"]  # LESS over Boltzmann
     if odds_ratio is not None and expected == BOLTZMANN:
         odds_ratio = 1.0 / odds_ratio
     ahead = posterior[expected] > posterior[other] and match[expected] > match[other]

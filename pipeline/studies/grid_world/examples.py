@@ -1,4 +1,4 @@
-"""A closer look (section 4.2): the demonstration sets on which each model of inference does best, and the density there."""
+"""Section 4.2 of the paper: the demonstration sets on which each model of inference does best, and their density."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class GridWorldExamples:
             `demonstration`, `path` (row of the choice set), `x`, `y` (cells, one array per path), `phi_1`, `phi_2`
             and `log_density` (log kernel sum of LESS).
         posteriors: `set`, `inference_model`, `theta_id`, `theta_1`, `theta_2`, `posterior`, `is_true`.
-        density_1d: per feature and bin: `feature` (1, 2), `low`, `high`, `raw` (density of all paths) and `adjusted`
-            (each path weighted by one over its kernel sum, as LESS does).
-        density_2d: per pair of bins: `phi_1_low`, `phi_1_high`, `phi_2_low`, `phi_2_high`, `raw`, `adjusted`.
+        density_1d: one row per feature and bin: `feature` (1, 2), `low`, `high`, `raw` (density of all paths) and
+            `adjusted` (each path weighted by one over its kernel sum, as LESS does).
+        density_2d: one row per pair of bins: `phi_1_low`, `phi_1_high`, `phi_2_low`, `phi_2_high`, `raw`, `adjusted`.
     """
 
     paths: pl.DataFrame
@@ -44,7 +44,7 @@ class GridWorldExamples:
 def examples(
     world: GridWorld, settings: GridWorldSettings, random_seed: int, trials: pl.DataFrame
 ) -> GridWorldExamples:
-    """The sets with the largest lead of LESS (Xi_L) and of Boltzmann (Xi_B) in TruePosterior; the first of equals."""
+    """The sets with the largest lead of LESS (Xi_L) and of Boltzmann (Xi_B) in TruePosterior; the first one if tied."""
     leads = (
         trials.filter(pl.col("sampling_model").is_in(SAMPLING_MODELS))
         .pivot("inference_model", index=["sampling_model", "theta_id", "seed"], values="true_posterior")
@@ -53,10 +53,10 @@ def examples(
     chosen = {"Xi_L": leads.row(leads["lead"].arg_max() or 0, named=True)}
     chosen["Xi_B"] = leads.row(leads["lead"].arg_min() or 0, named=True)
     path_tables, posterior_tables = [], []
-    for name, one in chosen.items():
-        drawn = draw_demonstrations(world.log_probabilities[one["sampling_model"]], settings, random_seed)
-        rows = drawn[one["theta_id"], one["seed"]]
-        path_tables.append(_paths(world, rows).select(_set(name, one), pl.all()).unnest("of"))
+    for name, trial in chosen.items():
+        drawn = draw_demonstrations(world.log_probabilities[trial["sampling_model"]], settings, random_seed)
+        rows = drawn[trial["theta_id"], trial["seed"]]
+        path_tables.append(_paths(world, rows).select(*_set_columns(name, trial), pl.all()))
         for model in SAMPLING_MODELS:
             posterior_tables.append(
                 pl.DataFrame(
@@ -65,7 +65,7 @@ def examples(
                         "theta_1": THETAS[:, 0],
                         "theta_2": THETAS[:, 1],
                         "posterior": posteriors(world.log_probabilities[model], rows),
-                        "is_true": np.arange(len(THETAS)) == one["theta_id"],
+                        "is_true": np.arange(len(THETAS)) == trial["theta_id"],
                     }
                 ).select(pl.lit(name).alias("set"), pl.lit(model).alias("inference_model"), pl.all())
             )
@@ -78,13 +78,12 @@ def examples(
     )
 
 
-def _set(name: str, one: dict[str, object]) -> pl.Expr:
-    columns = [
+def _set_columns(name: str, trial: dict[str, object]) -> list[pl.Expr]:
+    return [
         pl.lit(name).alias("set"),
-        pl.lit(one["sampling_model"]).alias("sampling_model"),
-        *(pl.lit(one[key], dtype=pl.Int64).alias(key) for key in ("theta_id", "seed")),
+        pl.lit(trial["sampling_model"]).alias("sampling_model"),
+        *(pl.lit(trial[key], dtype=pl.Int64).alias(key) for key in ("theta_id", "seed")),
     ]
-    return pl.struct(columns).alias("of")
 
 
 def _paths(world: GridWorld, rows: IndexArray) -> pl.DataFrame:

@@ -1,8 +1,8 @@
-"""Section 4 of the paper in a grid world: how well a robot infers what people want who choose by one model or another.
+"""Section 4 of the paper: how well a robot in a grid world infers what people want.
 
-H3 and H4: is inference better when its model is that of the people? The sets where each model does best are
-kept for a closer look (section 4.2). H5: is LESS still ahead when people see similarity in features the robot lacks?
-The paper does not publish its environment; ours is described by `GridWorldSettings`.
+Hypotheses H3 and H4: inference is better when it uses the model by which people choose. The sets on which each model
+does best are examined more closely (section 4.2). H5: LESS is better than Boltzmann even when people see similarity in
+features that the robot does not have. The paper does not publish its environment; `GridWorldSettings` describes ours.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from pipeline.studies.grid_world.trials import build_world, run_trials
 
 @dataclass(frozen=True, eq=False)
 class GridWorldStudy:
-    """All of section 4.
+    """The tables of section 4.
 
     Attributes:
         trials: one row per demonstration set and inference model, see `run_trials`.
         analysis: means, statistics and hypotheses.
         examples: the sets where each model does best.
-        bandwidths: `sampling_model`, `bandwidth`: the kernel width of each LESS model, in scaled features.
+        bandwidths: `sampling_model`, `bandwidth`: sigma of each LESS model, in scaled features.
     """
 
     trials: pl.DataFrame
@@ -40,7 +40,7 @@ def run_grid_world(settings: GridWorldSettings, random_seed: int, bandwidth: flo
     Args:
         settings: the grid world and how much is drawn in it.
         random_seed: root of every random number.
-        bandwidth: as in `build_world`.
+        bandwidth: sigma of the LESS kernels in scaled features, selected by leave-one-out if not given.
 
     Raises:
         ArgumentError: the bandwidth is not positive, or the trials do not vary enough for the statistics.

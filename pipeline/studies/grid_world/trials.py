@@ -1,6 +1,6 @@
-"""Demonstrations in a grid world by each model of people, and what each model of the robot makes of them.
+"""Demonstrations that each model of people draws in a grid world, and the posteriors that each model infers.
 
-The choice set is complete and small enough to sum over, so nothing but the models differs.
+The choice set holds all shortest paths, so results differ by the models alone and not by a sample of alternatives.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ from pipeline.trajectories.grid_world import Cells, link_incidence, mean_distanc
 from pipeline.vocabulary import LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH
 
 SAMPLING_MODELS = (Boltzmann.name, LESS.name)
-# people whose similarity also sees mean x and mean y, which the robot does not: their kernel has the robot's bandwidth,
-# or one selected anew for the four features. The paper does not say which, H5 depends on it, and both are reported.
+# In these models people also see similarity in mean x and mean y, which the robot does not. Their kernel has the
+# bandwidth of the robot's, or one that is selected for all four features. The paper does not say which, and H5 depends
+# on it, so both are reported.
 HIDDEN_MODELS = (LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH)
 INFERENCE_MODELS = (Boltzmann.name, LESS.name, AttributeRule.name, PathSize.name)
 THETAS: FloatArray = np.array([theta for theta in product((-1.0, 0.0, 1.0), repeat=2) if any(theta)])
@@ -51,13 +52,13 @@ _TRIALS = {
 
 @dataclass(frozen=True, eq=False)
 class GridWorld:
-    """The choice set and how likely each model holds each choice.
+    """The choice set, and the probability of each choice under each model.
 
     Attributes:
         paths: (N, T, 2) cells.
         features: (N, 2) mean distances to the objects, each divided by its range over all paths.
         log_probabilities: (K, N) log p(path | theta, beta) for every model that samples or infers.
-        bandwidths: sigma of `less` and of each of the hidden models.
+        bandwidths: sigma of `less` and of each hidden model.
         log_density: (N,) log kernel sum of `less` at each path.
     """
 
@@ -69,7 +70,7 @@ class GridWorld:
 
 
 def build_world(settings: GridWorldSettings, bandwidth: float | None = None) -> GridWorld:
-    """Enumerate the paths and let every model say how likely each is chosen, given each theta.
+    """Enumerate all paths, and compute the probability of each under every model and theta.
 
     Args:
         settings: the grid world.
@@ -81,21 +82,21 @@ def build_world(settings: GridWorldSettings, bandwidth: float | None = None) -> 
     """
     paths = shortest_paths(settings.size)
     features = _scaled(mean_distances(paths, settings.objects), ("first", "second"))
-    # mean y is size - 1 - mean x here, so the hidden direction counts twice, as two features that agree do
-    seen = np.column_stack([features, _scaled(mean_positions(paths), ("mean_x", "mean_y"))])
+    # mean y is size - 1 - mean x, so the two hidden features are one direction that counts twice
+    all_features = np.column_stack([features, _scaled(mean_positions(paths), ("mean_x", "mean_y"))])
     sigma = select_bandwidth(features).value if bandwidth is None else bandwidth
-    own_sigma = select_bandwidth(seen).value if bandwidth is None else bandwidth
-    bandwidths = dict(zip((LESS.name, *HIDDEN_MODELS), (sigma, sigma, own_sigma), strict=True))
+    hidden_sigma = select_bandwidth(all_features).value if bandwidth is None else bandwidth
+    bandwidths = dict(zip((LESS.name, *HIDDEN_MODELS), (sigma, sigma, hidden_sigma), strict=True))
     models: dict[str, tuple[Model, Any]] = {
         Boltzmann.name: (Boltzmann(), None),
         LESS.name: (LESS(sigma), None),
         AttributeRule.name: (AttributeRule(), None),
         PathSize.name: (PathSize(), link_incidence(paths)),
     }
-    models |= {name: (LESS(bandwidths[name]), seen) for name in HIDDEN_MODELS}
-    everyone = np.arange(len(paths))
+    models |= {name: (LESS(bandwidths[name]), all_features) for name in HIDDEN_MODELS}
+    rows = np.arange(len(paths))
     log_probabilities = {
-        name: log_likelihood(model, everyone, features, THETAS, [settings.beta], similarity=similarity)[:, :, 0].T
+        name: log_likelihood(model, rows, features, THETAS, [settings.beta], similarity=similarity)[:, :, 0].T
         for name, (model, similarity) in models.items()
     }
     return GridWorld(paths, features, log_probabilities, bandwidths, log_density(features, sigma))
@@ -104,8 +105,8 @@ def build_world(settings: GridWorldSettings, bandwidth: float | None = None) -> 
 def draw_demonstrations(log_p: FloatArray, settings: GridWorldSettings, random_seed: int) -> IndexArray:
     """(K, seeds, demonstrations) rows of the choice set, drawn independently with probabilities exp(log_p), (K, N).
 
-    A theta and a seed have the same uniform numbers under every sampling model: the sets of one subject of the
-    statistics differ by the model alone.
+    For one theta and seed, all sampling models use the same uniform numbers. A theta and a seed are one subject of the
+    statistics, so its sets differ by the model alone.
     """
     cumulative = np.cumsum(np.exp(log_p), axis=1)
     cumulative /= cumulative[:, -1:]
@@ -127,11 +128,11 @@ def posteriors(log_p: FloatArray, drawn: IndexArray) -> FloatArray:
 
 
 def run_trials(world: GridWorld, settings: GridWorldSettings, random_seed: int) -> pl.DataFrame:
-    """Every demonstration set under every inference model.
+    """Infer from every demonstration set under every inference model.
 
     Args:
         world: from `build_world` with these settings.
-        settings: how many demonstrations a set has, and how many sets there are.
+        settings: numbers of sets and of demonstrations per set.
         random_seed: root of every random number.
 
     Returns:

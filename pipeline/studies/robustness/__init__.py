@@ -1,1 +1,1 @@
-"""Section 5 of the paper: how far a posterior depends on which alternatives were sampled."""
+"""Section 5 of the paper: how much a posterior depends on which alternatives were sampled."""

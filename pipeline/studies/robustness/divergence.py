@@ -1,4 +1,4 @@
-"""How much the posteriors of one demonstration differ between samplings, and how near they come to the truth."""
+"""How much the posteriors of a demonstration differ between samplings, and how close they are to the truth."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from pipeline.vocabulary import ALL
 
 
 def jackknife_interval(pairs: FloatArray, level: float = 0.95) -> tuple[float, float] | None:
-    """Interval of KLAggregate over samplings, by leaving one out at a time.
+    """Jackknife interval of KLAggregate, from leaving out one sampling at a time.
 
-    KLAggregate is R (R - 1) times a U statistic of order two, for which the jackknife is made. Student's t with R - 1
-    degrees of freedom on the logarithm, so that the interval stays positive.
+    KLAggregate is R (R - 1) times a U statistic of order two, for which the jackknife is valid. The interval is that of
+    Student's t, with R - 1 degrees of freedom, for the logarithm, so that it stays positive.
 
     Args:
         pairs: (R, R) divergences of ordered pairs.
-        level: of the interval.
+        level: confidence level.
 
     Returns:
-        Its ends; None with fewer than three samplings, or where leaving one out leaves no divergence.
+        The ends of the interval; None with fewer than three samplings, or if KLAggregate is zero without one of them.
     """
     from scipy.special import stdtrit
 
     count = len(pairs)
     if count < 3:
         return None
-    without = (pairs.sum() - pairs.sum(axis=0) - pairs.sum(axis=1)) * count / (count - 2)
-    if not (without > 0).all():
+    left_out = (pairs.sum() - pairs.sum(axis=0) - pairs.sum(axis=1)) * count / (count - 2)
+    if not (left_out > 0).all():
         return None
-    logs = np.log(without)
+    logs = np.log(left_out)
     error = np.sqrt((count - 1) / count * ((logs - logs.mean()) ** 2).sum())
     half_width = float(stdtrit(count - 1, (1 + level) / 2)) * error
     centre = np.log(pairs.sum())
@@ -47,14 +47,15 @@ def measures(
 
     Args:
         marginals: (R, n + 1, K) log posteriors over theta from R samplings, all demonstrations together last.
-        demonstrations: n of them.
-        angles: `Problem.truth_angles`, n + 1 of them.
+        demonstrations: the n demonstrations.
+        angles: `Problem.truth_angles`, of length n + 1.
 
     Returns:
         n + 1 rows: `demonstration_id`, `participant`, `sets` (R), `kl_aggregate` and its interval over samplings
         `kl_low`, `kl_high`, `kl_mean` (per ordered pair); means over the samplings: `entropy` (nats), `true_posterior`
         (of the theta of the grid that is nearest in angle to the truth) and `map_angle_rad` (between the most
-        probable theta and the truth); `truth_to_grid_rad`. The last three are null where the truth is not known.
+        probable theta and the truth); `truth_to_grid_rad` (between the truth and that nearest theta). The last three
+        are null where the truth is not known.
     """
     count = len(marginals)
     pairs = divergences(np.moveaxis(marginals, 1, 0))
@@ -83,20 +84,20 @@ def measures(
     return pl.DataFrame(rows, schema_overrides=dict.fromkeys(floats, pl.Float64))
 
 
-def true_direction(stated: dict[str, float], names: tuple[str, ...], scales: FloatArray) -> FloatArray | None:
-    """What a simulated participant wanted, as a direction on the robot's scaled features.
+def true_direction(weights: dict[str, float], names: tuple[str, ...], scales: FloatArray) -> FloatArray | None:
+    """The reward weights of a simulated participant, as a direction on the robot's scaled features.
 
-    theta_f = w_f s_f to unit length, with w_f the reward per raw unit of feature f and s_f its scale: the reward
-    w_f phi_f is theta_f (phi_f / s_f). Features and weights are matched by name. A feature without a stated weight was
-    not wanted, its theta is 0; a stated weight without a feature is beyond what the robot can say and is left out.
+    theta_f = w_f s_f, scaled to unit length, where w_f is the reward per raw unit of feature f and s_f its scale: the
+    reward w_f phi_f is theta_f (phi_f / s_f). Features and weights are matched by name. A feature without a weight gets
+    theta 0; a weight for a feature that the robot does not have is ignored.
 
     Args:
-        stated: reward weight per raw unit, by feature.
-        names: F features of the robot.
+        weights: reward per raw unit, by feature.
+        names: the F features of the robot.
         scales: (F,) what the raw features are divided by.
 
     Returns:
-        (F,) of length one; None if nothing that was wanted is among the features.
+        (F,) of length one; None if all weights of the robot's features are zero.
     """
-    theta = np.array([stated.get(name, 0.0) for name in names]) * scales
+    theta = np.array([weights.get(name, 0.0) for name in names]) * scales
     return unit(theta) if theta.any() else None

@@ -1,4 +1,4 @@
-"""Near-copies of some alternatives are slipped into the sets: how far does the posterior move?"""
+"""How far posteriors move when near-copies of a few alternatives are added to the sets."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ def inject_duplicates(
     settings: Duplicates,
     bandwidth: str | float,
     stream: Callable[[str, str], np.random.Generator],
-    watched: Callable[[Sequence[tuple[int, float]]], Iterable[tuple[int, float]]] = iter,
+    progress: Callable[[Sequence[tuple[int, float]]], Iterable[tuple[int, float]]] = iter,
 ) -> pl.DataFrame:
     """Divergence from the posterior of the clean set to that of the set with near-copies.
 
-    The models are Boltzmann, LESS that selects its bandwidth anew from what it is given (`less`), and LESS that keeps
-    the bandwidth of the clean set (`less-clean-bandwidth`). The same alternatives are copied and the same directions of
-    noise used throughout, and more copies contain the fewer.
+    The models are Boltzmann, LESS that selects its bandwidth from the set with copies (`less`), and LESS that keeps the
+    bandwidth of the clean set (`less-clean-bandwidth`). The same alternatives are copied, with the same noise before it
+    is scaled, for every number of copies and every spread; a larger number of copies includes the smaller.
 
     Args:
         problem: demonstrations and hypotheses.
         samplings: the R clean samplings.
-        settings: what is slipped in.
-        bandwidth: how LESS finds its bandwidth, or that bandwidth.
-        stream: random stream of a sampling's id and an anchor.
-        watched: what pairs of copies and spread go through on their way, as in `compare_samplings`.
+        settings: numbers and spreads of the copies.
+        bandwidth: how LESS selects its bandwidth, or that bandwidth.
+        stream: returns the random generator for a sampling's id and an anchor.
+        progress: wraps the pairs of copies and spread while they are gone through, for example in a progress bar.
 
     Returns:
-        Per demonstration (or all), model, number of copies and spread: `sets` (R), `kl_from_clean` (nats, mean over
-        the samplings of KL(clean || with copies)), `map_changed` (share of the samplings where another theta became
-        the most probable) and `bandwidth` (median; null for Boltzmann).
+        One row per demonstration (or all), model, number of copies and spread: `sets` (R), `kl_from_clean` (nats, mean
+        over the samplings of KL(clean || with copies)), `map_changed` (share of the samplings where the most probable
+        theta is another one) and `bandwidth` (median; null for Boltzmann).
     """
     clean_widths = select_bandwidths(samplings, bandwidth)
     clean = {
@@ -61,14 +61,14 @@ def inject_duplicates(
     clean[LESS_CLEAN_BANDWIDTH] = clean[LESS]
     noises = {sets: _noises(sets, settings, stream) for sets in samplings}
     rows = []
-    for copies, spread in watched(list(product(settings.copies, settings.spreads))):
+    for copies, spread in progress(list(product(settings.copies, settings.spreads))):
         joined = tuple(_with_copies(sets, noises[sets], copies, spread) for sets in samplings)
-        anew = select_bandwidths(joined, bandwidth)
-        kept = dict(zip(joined, clean_widths.values(), strict=True))
+        selected = select_bandwidths(joined, bandwidth)
+        unchanged = dict(zip(joined, clean_widths.values(), strict=True))
         scores: dict[str, tuple[Score, Mapping[ChoiceSets, Bandwidths] | None]] = {
             BOLTZMANN: (boltzmann_score(problem), None),
-            LESS: (less_score(problem, anew.__getitem__), anew),
-            LESS_CLEAN_BANDWIDTH: (less_score(problem, kept.__getitem__), kept),
+            LESS: (less_score(problem, selected.__getitem__), selected),
+            LESS_CLEAN_BANDWIDTH: (less_score(problem, unchanged.__getitem__), unchanged),
         }
         for model, (score, widths) in scores.items():
             moved = _marginals(problem, joined, score)
@@ -76,9 +76,8 @@ def inject_duplicates(
     return pl.concat(rows)
 
 
-Noise = Mapping[
-    str, tuple[FloatArray, FloatArray]
-]  # per anchor: rows that are copied, standard normal (copies, copied, F)
+Noise = Mapping[str, tuple[FloatArray, FloatArray]]
+"""For each anchor, the rows that are copied (copied, F) and standard normal noise (copies, copied, F)."""
 
 
 def _noises(sets: ChoiceSets, settings: Duplicates, stream: Callable[[str, str], np.random.Generator]) -> Noise:

@@ -1,4 +1,4 @@
-"""What the robustness study works on: demonstrations, and the sets of alternatives that they are judged against."""
+"""The data of the robustness study: demonstrations, hypotheses, and the sets of alternatives to compare."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from pipeline.vocabulary import TASK_ANCHOR
 
 @dataclass(frozen=True, eq=False)
 class Demonstrations:
-    """Who demonstrated what.
+    """The demonstrations of a task.
 
     Attributes:
-        ids: n names.
-        participants: n names of people; one person may have several demonstrations.
-        features: (n, F) scaled.
-        truths: for each, the unit direction (F,) of what was wanted, on scaled features; None where nobody knows.
+        ids: the names of n demonstrations.
+        participants: for each, the name of the person; one person may have several demonstrations.
+        features: (n, F) scaled features.
+        truths: for each, the unit vector (F,) of the true reward weights on scaled features; None where not known.
     """
 
     ids: tuple[str, ...]
@@ -33,19 +33,20 @@ class Demonstrations:
     truths: tuple[FloatArray | None, ...]
 
     def rows(self, anchor: str) -> list[int]:
-        """The demonstrations that are judged against alternatives with this anchor."""
+        """Rows of the demonstrations that choose among alternatives with this anchor."""
         return list(range(len(self.ids))) if anchor == TASK_ANCHOR else [self.ids.index(anchor)]
 
 
 @dataclass(frozen=True, eq=False)
 class ChoiceSets:
-    """One sampling of alternatives: one set, or one set per anchor, all of one size.
+    """One sampling of alternatives: one set, or one set for each anchor, all of the same size.
 
     Attributes:
         set_size: N.
-        set_id: tells it from the other samplings of that size.
-        features: per anchor, (N, F) scaled.
-        log_proposals: per anchor, the log density (N,) with which the sampler drew each; empty if nobody knows.
+        set_id: identifies the sampling among those of its size.
+        features: for each anchor, (N, F) scaled features.
+        log_proposals: for each anchor, (N,) log density with which the sampler drew each alternative; empty if the
+            density is not known.
     """
 
     set_size: int
@@ -62,10 +63,10 @@ class Problem:
     """Demonstrations, hypotheses, and for each regime the samplings whose posteriors are compared.
 
     Attributes:
-        demonstrations: n of them.
-        regimes: per regime, its samplings.
+        demonstrations: the n demonstrations.
+        regimes: the samplings of each regime.
         thetas: (K, F) unit directions on scaled features.
-        betas: (B,).
+        betas: (B,) inverse temperatures.
     """
 
     demonstrations: Demonstrations
@@ -75,31 +76,31 @@ class Problem:
 
     @cached_property
     def truth_angles(self) -> tuple[FloatArray | None, ...]:
-        """For each demonstration, and for all together: the angle (K,) of every theta to the truth, None if not known.
+        """(K,) angles (rad) between every theta and the truth, for each demonstration and for all together.
 
-        All together: to the mean of the directions. An angle is in rad.
+        The truth for all together is the mean of their directions. The entry is None where the truth is not known.
         """
         truths = self.demonstrations.truths
-        known = [truth for truth in truths if truth is not None]
-        mean = np.sum(known, axis=0) if known and len(known) == len(truths) else None
+        directions = [truth for truth in truths if truth is not None]
+        mean = np.sum(directions, axis=0) if directions and len(directions) == len(truths) else None
         return tuple(
             None if truth is None else np.array([angle_to(theta, truth) for theta in self.thetas])
             for truth in (*truths, mean)
         )
 
     def by_size(self, regime: str) -> Iterator[tuple[int, tuple[ChoiceSets, ...]]]:
-        """The samplings of a regime, size by size."""
+        """The set sizes of a regime in ascending order, each with its samplings."""
         samplings = self.regimes[regime]
         for size in sorted({sets.set_size for sets in samplings}):
             yield size, tuple(sets for sets in samplings if sets.set_size == size)
 
     @property
     def cells(self) -> list[Cell]:
-        """Regime, set size and samplings: the parts of a study, one after another."""
+        """Every regime and set size, with its samplings."""
         return [(regime, *of_size) for regime in self.regimes for of_size in self.by_size(regime)]
 
     def rescaled(self, ratio: FloatArray) -> Problem:
-        """The same with every feature multiplied by `ratio` (F,); what was truly wanted turns accordingly."""
+        """The problem with every scaled feature multiplied by `ratio` (F,), and the true directions changed alike."""
         demonstrations = replace(
             self.demonstrations,
             features=self.demonstrations.features * ratio,
@@ -115,31 +116,31 @@ class Problem:
         return replace(self, demonstrations=demonstrations, regimes=regimes)
 
 
-Bandwidths = Mapping[str, float]  # per anchor
+Bandwidths = Mapping[str, float]  # the bandwidth of each anchor's set
 Score = Callable[[FloatArray, ChoiceSets, str], FloatArray]
-"""Demonstrations (m, F), a sampling and an anchor to log likelihoods (m, K, B)."""
+"""From demonstrations (m, F), a sampling and an anchor to log likelihoods (m, K, B)."""
 
 
 def unit(direction: FloatArray) -> FloatArray:
-    """A vector to length one."""
+    """A vector scaled to length one."""
     return np.asarray(direction / np.linalg.norm(direction))
 
 
 def select_bandwidths(samplings: Sequence[ChoiceSets], method: str | float) -> dict[ChoiceSets, Bandwidths]:
-    """The bandwidth of every set, selected by `method`, on all cores.
+    """Select the bandwidth of every set by `method`, on all cores.
 
     Raises:
         BandwidthError: a set has fewer than two distinct rows.
     """
 
     def select(sets: ChoiceSets) -> Bandwidths:
-        found = {}
+        bandwidths = {}
         for anchor, phi in sets.features.items():
             try:
-                found[anchor] = select_bandwidth(phi, method).value
+                bandwidths[anchor] = select_bandwidth(phi, method).value
             except BandwidthError as error:
                 raise error.of(sets.set_size, sets.set_id, anchor) from None
-        return found
+        return bandwidths
 
     with ThreadPoolExecutor() as pool:
         return dict(zip(samplings, pool.map(select, samplings), strict=True))
@@ -155,7 +156,7 @@ def boltzmann_score(problem: Problem) -> Score:
 
 
 def less_score(problem: Problem, selected: Callable[[ChoiceSets], Bandwidths]) -> Score:
-    """Log likelihoods under LESS with the bandwidths that `selected` gives."""
+    """Log likelihoods under LESS with the bandwidths that `selected` returns for a sampling."""
 
     def score(demonstrations: FloatArray, sets: ChoiceSets, anchor: str) -> FloatArray:
         model = LESS(bandwidth=selected(sets)[anchor])
@@ -165,7 +166,7 @@ def less_score(problem: Problem, selected: Callable[[ChoiceSets], Bandwidths]) -
 
 
 def log_likelihoods(problem: Problem, samplings: tuple[ChoiceSets, ...], score: Score) -> FloatArray:
-    """(R, n, K, B): each demonstration against the alternatives of each of R samplings.
+    """(R, n, K, B) log likelihoods of each demonstration among the alternatives of each of R samplings.
 
     Raises:
         StageError: a demonstration has no alternatives that share its anchor.
@@ -185,9 +186,9 @@ def log_likelihoods(problem: Problem, samplings: tuple[ChoiceSets, ...], score: 
 
 
 def log_posteriors(likelihoods: FloatArray) -> FloatArray:
-    """(R, n, K, B) log likelihoods to (R, n + 1, K, B) joint log posteriors; the last is that of all together.
+    """(R, n + 1, K, B) joint log posteriors from (R, n, K, B) log likelihoods; the last is that of all together.
 
-    The prior over hypotheses is uniform, so each is its likelihood, normalised; demonstrations are independent.
+    The prior over hypotheses is uniform, so a posterior is its normalised likelihood; demonstrations are independent.
     """
     relative = likelihoods - peak(likelihoods, axis=(2, 3))
     joint = np.concatenate([relative, relative.sum(axis=1, keepdims=True)], axis=1)
@@ -195,5 +196,5 @@ def log_posteriors(likelihoods: FloatArray) -> FloatArray:
 
 
 def theta_marginals(joint: FloatArray) -> FloatArray:
-    """(R, G, K, B) joint log posteriors to (R, G, K), beta summed out."""
+    """(R, G, K) log posteriors over theta from (R, G, K, B) joint ones, summed over beta."""
     return log_sum_exp(joint, axis=3)

@@ -1,8 +1,8 @@
-"""Section 5 of the paper: do posteriors depend on the alternatives that somebody happened to sample?
+"""Section 5 of the paper: do posteriors depend on which alternatives happened to be sampled?
 
-Two regimes, judged by the same measures. `independent` is the paper's: the samplings differ by chance alone.
-`sampler-shift` asks what the method's argument is about: each comes from another sampler. `known-density` is the part
-of it whose samplers have a known density, where Boltzmann can also be corrected by importance weights.
+The same measures are computed for two regimes. In `independent`, the paper's regime, samplings differ by chance alone.
+In `sampler-shift` each sampling comes from another sampler, which is what LESS is meant to withstand. `known-density`
+is the part of it whose samplers have a known density, where Boltzmann can also be corrected by importance weights.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from pipeline.vocabulary import (
     SAMPLER_SHIFT,
 )
 
-COMPARED = (BOLTZMANN, LESS, BOLTZMANN_WEIGHTED)  # models of one and the same choice set: joined by the demonstration
+COMPARED = (BOLTZMANN, LESS, BOLTZMANN_WEIGHTED)  # models whose choice sets the demonstration joins, so they compare
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +48,12 @@ class RobustnessResult:
     """Tables of the study.
 
     Attributes:
-        robustness: per regime, model, demonstration (or all) and set size: the columns of `measures`.
-        posteriors: per regime, model, demonstration (or all) and sampling: the posterior over theta, beta summed out.
-        sets: per regime, sampling and anchor: `bandwidth` and, where the density is known, the
+        robustness: for each regime, model, demonstration (or all) and set size, the columns of `measures`.
+        posteriors: for each regime, model, demonstration (or all) and sampling, the posterior over theta.
+        sets: for each regime, sampling and anchor, `bandwidth` and, where the density is known, the
             `effective_sample_size` of the importance weights.
-        likelihoods: per regime, set size and model: (R, n, K, B) log likelihoods.
-        bandwidths: per sampling, identified by regime, size and id: those of its anchors.
+        likelihoods: for each regime, set size and model, (R, n, K, B) log likelihoods.
+        bandwidths: for each sampling, the bandwidths of its anchors.
     """
 
     robustness: pl.DataFrame
@@ -64,14 +64,14 @@ class RobustnessResult:
 
 
 def compare_samplings(
-    problem: Problem, bandwidth: str | float, watched: Callable[[Sequence[Cell]], Iterable[Cell]] = iter
+    problem: Problem, bandwidth: str | float, progress: Callable[[Sequence[Cell]], Iterable[Cell]] = iter
 ) -> RobustnessResult:
     """Posteriors under every sampling and model, and how much they differ.
 
     Args:
         problem: with the regimes INDEPENDENT and SAMPLER_SHIFT, either or both.
-        bandwidth: how LESS finds the bandwidth of each set, or that bandwidth.
-        watched: what the cells of the design go through on their way, such as a progress bar; it changes nothing.
+        bandwidth: how LESS selects the bandwidth of each set, or that bandwidth.
+        progress: wraps the cells of the design while they are gone through, for example in a progress bar.
 
     Raises:
         StageError: a demonstration has no alternatives.
@@ -82,7 +82,7 @@ def compare_samplings(
     likelihoods: dict[tuple[str, int, str], FloatArray] = {}
     rows: list[pl.DataFrame] = []
     posteriors: list[pl.DataFrame] = []
-    for regime, size, samplings in watched(problem.cells):
+    for regime, size, samplings in progress(problem.cells):
         scores: dict[str, Score] = {BOLTZMANN: boltzmann, LESS: less}
         for model, score in scores.items():
             values = log_likelihoods(problem, samplings, score)
@@ -90,11 +90,11 @@ def compare_samplings(
             marginals = theta_marginals(log_posteriors(values))
             rows.append(_measured(problem, marginals, regime, size, model))
             posteriors.append(_posterior_rows(problem, marginals, samplings, regime, size, model))
-        known = [r for r, sets in enumerate(samplings) if sets.log_proposals]
-        if regime == SAMPLER_SHIFT and len(known) > 1:
-            subset = tuple(samplings[r] for r in known)
+        with_density = [r for r, sets in enumerate(samplings) if sets.log_proposals]
+        if regime == SAMPLER_SHIFT and len(with_density) > 1:
+            subset = tuple(samplings[r] for r in with_density)
             for model in scores:
-                part = theta_marginals(log_posteriors(likelihoods[regime, size, model][known]))
+                part = theta_marginals(log_posteriors(likelihoods[regime, size, model][with_density]))
                 rows.append(_measured(problem, part, KNOWN_DENSITY, size, model))
             corrections = {
                 BOLTZMANN_WEIGHTED: weighted_score(problem, weighted=True, joined=True),
@@ -120,16 +120,16 @@ def _posterior_rows(
 ) -> pl.DataFrame:
     people = problem.demonstrations
     r, g, k = marginals.shape
-    of = np.tile(np.repeat(np.arange(g), k), r)
-    # gathered, the rows share their texts, which they would each have a copy of if numpy repeated them
+    group_index = np.tile(np.repeat(np.arange(g), k), r)
+    # `gather` lets rows share their texts; if numpy repeated them, each row would have a copy
     return pl.DataFrame(
         {
             "regime": regime,
             "model": model,
             "set_size": np.int64(size),
             "set_id": pl.Series([sets.set_id for sets in samplings]).gather(np.repeat(np.arange(r), g * k)),
-            "demonstration_id": pl.Series([*people.ids, ALL]).gather(of),
-            "participant": pl.Series([*people.participants, ALL]).gather(of),
+            "demonstration_id": pl.Series([*people.ids, ALL]).gather(group_index),
+            "participant": pl.Series([*people.participants, ALL]).gather(group_index),
             "theta_id": np.tile(np.arange(k), r * g),
             "theta": np.tile(problem.thetas, (r * g, 1)),
             "log_posterior": marginals.ravel(),

@@ -1,4 +1,4 @@
-"""The statistics of the robustness study: analysis of variance, post-hoc tests, and what its figures show."""
+"""The statistics of the robustness study: analysis of variance, post-hoc tests, and the values in its figures."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ POST_HOC = {
 
 
 def analyse_regime(robustness: pl.DataFrame, regime: str) -> tuple[pl.DataFrame, pl.DataFrame] | None:
-    """Factorial analysis of variance of KLAggregate, model x size within participants, and Tukey's test per size.
+    """Analysis of variance of KLAggregate, model x size within participants, and Tukey's test at each size.
 
-    On KLAggregate as in the paper, and on its logarithm, whose spread does not grow with its size. Several
-    demonstrations of one participant count as their mean. A factor with one level is left out.
+    Both are done for KLAggregate, as in the paper, and for its logarithm, whose spread does not grow with its size.
+    Several demonstrations of one participant count as their mean. A factor with one level is left out.
 
     Args:
         robustness: the table of the study.
-        regime: whose rows.
+        regime: the regime whose rows are analysed.
 
     Returns:
-        Two tables, the columns of `repeated_measures_anova` and, for pairs of models at one `set_size`, those of
-        `tukey_hsd`, both after `regime` and `measure`; None where there is nothing to test: fewer than two participants,
-        one model, or no difference between the posteriors.
+        Two tables: `regime`, `measure` and the columns of `repeated_measures_anova`; and `regime`, `measure` and those
+        of `tukey_hsd`, for pairs of models at one `set_size`. None if there is nothing to test: fewer than two
+        participants, one model, or no difference between the posteriors.
     """
     rows = robustness.filter((pl.col("regime") == regime) & (pl.col("demonstration_id") != ALL))
     effects, pairs = [], []
@@ -53,37 +53,37 @@ def analyse_regime(robustness: pl.DataFrame, regime: str) -> tuple[pl.DataFrame,
             tukey = tukey_hsd(means, measure, within, "participant", same=same)
         except ArgumentError:
             return None
-        own = (pl.lit(regime).alias("regime"), pl.lit(measure).alias("measure"))
-        effects.append(anova.select(*own, pl.all()))
-        pairs.append(_same_size(tukey, means["set_size"][0]).select(*own, pl.all()))
+        labels = (pl.lit(regime).alias("regime"), pl.lit(measure).alias("measure"))
+        effects.append(anova.select(*labels, pl.all()))
+        pairs.append(_same_size(tukey, means["set_size"][0]).select(*labels, pl.all()))
     return pl.concat(effects), pl.concat(pairs)
 
 
 def summarise(table: pl.DataFrame, by: Sequence[str], value: str) -> pl.DataFrame:
-    """What a figure shows: the median over participants with its interval, and the one value of all together.
+    """The values in a figure: the median over participants with its interval, and the value of all together.
 
     Args:
-        table: with `demonstration_id`, `participant` and the columns below; `kl_low` and `kl_high`, if there, are the
+        table: has `demonstration_id`, `participant` and the columns below; `kl_low` and `kl_high`, if present, are the
             interval of the value of all together.
         by: columns that identify a point of the figure.
         value: column that is summarised; several demonstrations of one participant count as their mean.
 
     Returns:
-        `by`, `demonstrations` (`single` or `batch`), `participants` (1 for `batch`), `value`, `low`, `high`: 95 %, null
-        where there is none, and `mean` over participants.
+        The columns `by`, `demonstrations` (`single` or `batch`), `participants` (1 for `batch`), `value`, `low` and
+        `high` (95 % interval; null if there is none), and `mean` over participants.
     """
-    each = (
+    per_participant = (
         table.filter(pl.col("demonstration_id") != ALL)
         .group_by(*by, "participant", maintain_order=True)
         .agg(pl.col(value).mean())
     )
     rows = []
-    for key, group in each.group_by(by, maintain_order=True):
+    for key, group in per_participant.group_by(by, maintain_order=True):
         values = group[value].to_numpy()
         low, high = median_interval(values) or (None, None)
-        own = {"demonstrations": SINGLE, "participants": len(values)}
+        labels = {"demonstrations": SINGLE, "participants": len(values)}
         rows.append(
-            dict(zip(by, key, strict=True)) | own
+            dict(zip(by, key, strict=True)) | labels
             | {"value": float(np.median(values)), "low": low, "high": high, "mean": float(values.mean())}
         )  # fmt: skip
     floats = dict.fromkeys(("value", "low", "high", "mean"), pl.Float64)
@@ -104,13 +104,14 @@ def summarise(table: pl.DataFrame, by: Sequence[str], value: str) -> pl.DataFram
 
 
 def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, float] | None:
-    """The interval of a median that assumes no distribution: the narrowest pair of order statistics that is wide enough.
+    """The interval of a median from order statistics, for any distribution.
 
-    Between the k-th smallest and the k-th largest of n lies the median with probability
-    1 - 2 sum_{i < k} C(n, i) 2^-n; for 12 values and 95 % k is 3, with 96.1 %.
+    The median lies between the k-th smallest and the k-th largest of n values with probability
+    1 - 2 sum_{i < k} C(n, i) 2^-n. The largest k is taken for which that reaches `level`; for 12 values and 95 % it is
+    3, with 96.1 %.
 
     Returns:
-        Its ends; None with fewer than six values, whose extremes are not wide enough for 95 %.
+        The ends of the interval; None if even k = 1 does not reach `level`, for 95 % with fewer than six values.
     """
     from scipy.stats import binom
 
@@ -124,7 +125,7 @@ def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, flo
 
 
 def _same_size(tukey: pl.DataFrame, only_size: int) -> pl.DataFrame:
-    """One column for the size of both cells; `only_size` where the size is no factor."""
+    """The table with one column for the size of both cells; it is `only_size` if the size is not a factor."""
     if "model_a" not in tukey.columns:
         raise ArgumentError("the table has one model; a comparison needs two.")
     size = pl.col("set_size_a").cast(pl.Int64) if "set_size_a" in tukey.columns else pl.lit(only_size, pl.Int64)

@@ -1,1 +1,1 @@
-"""Figures as SVG and PNG, drawn by matplotlib."""
+"""Figures, drawn by matplotlib as SVG and PNG."""

@@ -1,35 +1,37 @@
-"""What each figure shows, in a sentence or two, in the order in which they are shown."""
+"""A caption for each figure, in the order in which the report shows them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 TASK_FIGURES: Mapping[str, str] = {
-    "posterior": "What all demonstrations together say: the posterior over the weights, beta summed out, under each model.",
-    "held_out": "How well each model predicts a demonstration from all others: log predictive probability, and how much "
-    "better than Boltzmann. Dots are demonstrations, bars one standard error of the mean.",
+    "posterior": "What all demonstrations together say: the posterior over the weights, beta summed out, under each "
+    "model.",
+    "held_out": "How well each model predicts a demonstration from all others: log predictive probability, and how "
+    "much better than Boltzmann. Dots are demonstrations, bars one standard error of the mean.",
     "density_map": "Density of the alternatives over the two features that weigh most, with the demonstrations.",
-    "densities": "Density of the alternatives along each feature, as sampled and after LESS has divided their weight by "
-    "the density around them. Ticks are demonstrations.",
-    "robustness": "How much posteriors differ between ten sets of alternatives (KLAggregate; lower is more robust) against "
-    "the size of the sets: sets of one sampler, and sets of ten different samplers. Bars are 95 % intervals.",
-    "two_posteriors": "The posterior of one demonstration from two sets of alternatives: where the bars of a pair differ, the "
-    "answer hangs on the sample.",
-    "accuracy": "Of simulated participants, whose true weights are known: the angle from the most probable weights to the "
-    "true ones, and the probability given to the hypothesis nearest to them, against the size of the sets.",
-    "importance": "With samplers of known density: what weighting alternatives by one over that density does to Boltzmann, "
-    "and how few alternatives then carry the weight.",
-    "duplicates": "How far near-copies slipped into a set shift the posterior (KL divergence from the clean set), against "
-    "the number of copies; spread is how far the copies lie from their originals.",
-    "sensitivity": "KLAggregate and entropy when one choice of the study is made otherwise. An arrow is a value beyond the "
-    "panel.",
+    "densities": "Density of the alternatives along each feature, as sampled and after LESS has divided their weight "
+    "by the density around them. Ticks are demonstrations.",
+    "robustness": "How much posteriors differ between ten sets of alternatives (KLAggregate; lower is more robust) "
+    "against the size of the sets: sets of one sampler, and sets of ten different samplers. Bars are 95 % intervals.",
+    "two_posteriors": "The posterior of one demonstration from two sets of alternatives: where the bars of a pair "
+    "differ, the answer hangs on the sample.",
+    "accuracy": "Of simulated participants, whose true weights are known: the angle from the most probable weights to "
+    "the true ones, and the probability given to the hypothesis nearest to them, against the size of the sets.",
+    "importance": "With samplers of known density: what weighting alternatives by one over that density does to "
+    "Boltzmann, and how few alternatives then carry the weight.",
+    "duplicates": "How far near-copies slipped into a set shift the posterior (KL divergence from the clean set), "
+    "against the number of copies; spread is how far the copies lie from their originals.",
+    "sensitivity": "KLAggregate and entropy when one choice of the study is made otherwise. An arrow is a value "
+    "beyond the panel.",
 }
 STUDY_FIGURES: Mapping[str, str] = {
-    "human_choice": "What people chose, and what each model predicts. Bars are exact 95 % intervals of the observed share.",
-    "grid_world_true_posterior": "Grid world: probability of the true weights after a set of demonstrations, by the true "
-    "weights and by who chooses how.",
+    "human_choice": "What people chose, and what each model predicts. Bars are exact 95 % intervals of the observed "
+    "share.",
+    "grid_world_true_posterior": "Grid world: probability of the true weights after a set of demonstrations, by the "
+    "true weights and by who chooses how.",
     "grid_world_overall": "The mean over all true weights, also for people who see features that the robot does not.",
-    "grid_world_sets": "Two sets of demonstrations and the posteriors from them. Paths that share a step are drawn side by "
-    "side.",
+    "grid_world_sets": "Two sets of demonstrations and the posteriors from them. Paths that share a step are drawn "
+    "side by side.",
     "grid_world_density": "Density of all paths along each feature and over both, with the two sets.",
 }

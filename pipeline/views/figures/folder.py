@@ -1,4 +1,4 @@
-"""The figures of a task, or of the studies, in their folder, with the headline numbers beside it."""
+"""Writes the figures of a task, or of the studies, into their folder, and the headline numbers beside it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from pipeline.workspace.project import Project
 
 
 def write_figures(project: Project, name: str, figures: Mapping[str, Figure], numbers: Numbers) -> None:
-    """Write the figures as SVG and PNG, in place of those that were there, and metrics.json.
+    """Replace the folder of figures by these, as SVG and PNG, and write metrics.json.
 
     Args:
-        project: where.
-        name: a task, or `studies`.
-        figures: by the names of their files.
-        numbers: see `pipeline.views.headline`.
+        project: the project.
+        name: name of a task, or `studies`.
+        figures: the figures by the names of their files.
+        numbers: the headline numbers, see `pipeline.views.headline`.
     """
     with folder_written_whole(project.figures(name)) as partial:
-        for title, figure in tracked(list(figures.items()), f"figures {name}"):
-            write_figure(partial, title, figure)
+        for file_name, figure in tracked(list(figures.items()), f"figures {name}"):
+            write_figure(partial, file_name, figure)
     write_metrics(project.metrics(name), numbers)

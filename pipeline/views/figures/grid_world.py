@@ -1,4 +1,4 @@
-"""The figures of the grid-world studies: how often each model finds the truth, and why."""
+"""The figures of the grid-world study: how well each model infers the truth, and why."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from pipeline.views.figures.style import (
     probability_axis,
     sequential_map,
 )
-from pipeline.views.intervals import near_or_far
+from pipeline.views.intervals import near_or_far, path_shifts
 from pipeline.vocabulary import BOLTZMANN, LESS, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH, model_name
 
 if TYPE_CHECKING:
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 Place = Literal["outside upper left", "outside upper right"]
 SETS = {"Xi_L": ("$\\Xi_L$", "o"), "Xi_B": ("$\\Xi_B$", "D")}
 _PEOPLE = (LESS, BOLTZMANN, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH)
-_APART = 0.17  # cells between paths that share a step
+_APART = 0.17  # largest distance between neighbouring paths, in cells
 
 
 @in_style
 def true_posterior_figure(summary: pl.DataFrame) -> Figure:
-    """TruePosterior by theta and over all of them, one row of panels per sampling model.
+    """TruePosterior for each theta and over all of them, with a row of panels per sampling model.
 
     Args:
         summary: the table `grid_world_summary` with `low` and `high`, the 95 % interval of the mean.
@@ -64,10 +64,10 @@ def true_posterior_figure(summary: pl.DataFrame) -> Figure:
 
 @in_style
 def overall_figure(summary: pl.DataFrame) -> Figure:
-    """Mean TruePosterior over all thetas, for every sampling model, those with hidden features included.
+    """Mean TruePosterior over all thetas for every sampling model, including those with hidden features.
 
     Args:
-        summary: as in `true_posterior_figure`.
+        summary: the table `grid_world_summary` with `low` and `high`, the 95 % interval of the mean.
     """
     figure = new_figure(COLUMN_IN, 2.3)
     ax = figure.subplots()
@@ -88,13 +88,13 @@ def overall_figure(summary: pl.DataFrame) -> Figure:
 
 @in_style
 def sets_figure(paths: pl.DataFrame, posteriors: pl.DataFrame, objects: Sequence[tuple[int, int]], size: int) -> Figure:
-    """The two sets of demonstrations on the grid, and what each model of inference makes of them (section 4.2).
+    """The two sets of demonstrations on the grid, and the posteriors of each model of inference (section 4.2).
 
     Args:
         paths: the table `grid_world_paths`.
         posteriors: the table `grid_world_posteriors`.
         objects: cells of the two objects.
-        size: cells per side.
+        size: number of cells per side.
     """
     figure = new_figure(TEXT_IN, 2.35)
     grids_and_charts = figure.subplots(1, 4, width_ratios=[1.9, 1.9, 1, 1])
@@ -111,7 +111,7 @@ def sets_figure(paths: pl.DataFrame, posteriors: pl.DataFrame, objects: Sequence
 
 @in_style
 def density_figure(paths: pl.DataFrame, density_1d: pl.DataFrame, density_2d: pl.DataFrame) -> Figure:
-    """The density of all paths along each feature, as it is and as LESS weighs it, and over both, with the two sets.
+    """The density of all paths along each feature, with equal weights and those of LESS, and over both features.
 
     Args:
         paths: the table `grid_world_paths`.
@@ -131,12 +131,12 @@ def density_figure(paths: pl.DataFrame, density_1d: pl.DataFrame, density_2d: pl
 
 
 def _people(model: str) -> str:
-    """The name of a model of people on an axis: what it says of the bandwidth goes on a line of its own."""
+    """The name of a model of people for an axis, with the remark on its bandwidth on a second line."""
     return "\n".join(model_name(model).replace("σ", "$\\sigma$").rsplit(", ", 1))
 
 
 def _grouped_bars(ax: Axes, groups: Sequence[pl.DataFrame], models: Sequence[str], names: Sequence[str]) -> None:
-    """One group of bars per table, a bar per inference model with the interval of its mean."""
+    """A group of bars for each table, in it a bar per inference model with the interval of its mean."""
     width = 0.84 / len(models)
     place = np.arange(len(groups))
     for offset, model in enumerate(models):
@@ -153,8 +153,8 @@ def _grouped_bars(ax: Axes, groups: Sequence[pl.DataFrame], models: Sequence[str
 
 def _robot_legend(figure: Figure, ax: Axes, place: Place = "outside upper left") -> None:
     handles, labels = ax.get_legend_handles_labels()
-    nothing = Line2D([], [], linestyle="none")
-    figure.legend([nothing, *handles], ["robot infers by", *labels], loc=place, ncols=len(labels) + 1)
+    invisible = Line2D([], [], linestyle="none")
+    figure.legend([invisible, *handles], ["robot infers by", *labels], loc=place, ncols=len(labels) + 1)
 
 
 def _grid(
@@ -163,9 +163,7 @@ def _grid(
     lines = np.arange(size + 1) - 0.5
     ax.hlines(lines, -0.5, size - 0.5, color="#e3e3e3", linewidth=0.5, zorder=1)
     ax.vlines(lines, -0.5, size - 0.5, color="#e3e3e3", linewidth=0.5, zorder=1)
-    # shortest paths only go right and up, so a shift right and down tells apart all that share a step
-    shifts = min(_APART, 0.8 / paths.height) * (np.arange(paths.height) - (paths.height - 1) / 2)
-    for shift, x, y in zip(shifts, paths["x"], paths["y"], strict=True):
+    for shift, x, y in zip(path_shifts(paths.height, _APART), paths["x"], paths["y"], strict=True):
         ax.plot(x.to_numpy() + shift, y.to_numpy() - shift, color=rgb, linewidth=0.9, zorder=3, solid_joinstyle="round")
     box = {"boxstyle": "square,pad=0.25", "facecolor": "#4a4a4a", "edgecolor": "none"}
     for name, (x, y) in zip("AB", objects, strict=True):
@@ -226,8 +224,8 @@ def _density_2d(figure: Figure, ax: Axes, density: pl.DataFrame, paths: pl.DataF
         pl.col("phi_1_low").min(), pl.col("phi_1_high").max(), pl.col("phi_2_low").min(), pl.col("phi_2_high").max()
     ).row(0)
     image = ax.imshow(
-        np.ma.masked_equal(values, 0.0), origin="lower", extent=(left, right, bottom, top), aspect="auto", interpolation="nearest",
-        cmap=sequential_map(), norm=PowerNorm(0.5, 0.0, values.max()),
+        np.ma.masked_equal(values, 0.0), origin="lower", extent=(left, right, bottom, top), aspect="auto",
+        interpolation="nearest", cmap=sequential_map(), norm=PowerNorm(0.5, 0.0, values.max()),
     )  # fmt: skip
     for name, (symbol, marker) in SETS.items():
         of_set = paths.filter(set=name)
@@ -240,8 +238,9 @@ def _density_2d(figure: Figure, ax: Axes, density: pl.DataFrame, paths: pl.DataF
 
 def _marks(ax: Axes, x: np.ndarray, y: np.ndarray, name: str, marker: str, label: str) -> None:
     ax.plot(
-        x, y, linestyle="none", marker=marker, markersize=4.4 if marker == "o" else 3.8, markerfacecolor=color(palette.SETS[name]),
-        markeredgecolor="white", markeredgewidth=0.5, label=label, clip_on=False, zorder=5,
+        x, y, linestyle="none", marker=marker, markersize=4.4 if marker == "o" else 3.8,
+        markerfacecolor=color(palette.SETS[name]), markeredgecolor="white", markeredgewidth=0.5, label=label,
+        clip_on=False, zorder=5,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The figure that says which model of people explains a task's demonstrations."""
+"""The figure that shows which model predicts a task's demonstrations best."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 @in_style
 def held_out_figure(held_out: pl.DataFrame, comparison: pl.DataFrame, differences: pl.DataFrame) -> Figure:
-    """Held-out log predictive probability per model, and each model's lead over Boltzmann, with standard errors.
+    """Held-out log predictive probability of each model, and its lead over Boltzmann, with standard errors.
 
     Args:
-        held_out: rows of one task and set of the table `held_out`.
-        comparison: of `compare_models`.
-        differences: of the function of that name; without rows there is no second panel.
+        held_out: rows of the table `held_out` for one task and set.
+        comparison: the result of `pipeline.views.intervals.compare_models`.
+        differences: the result of `pipeline.views.intervals.differences`; without rows there is no second panel.
     """
     models = comparison["model"].to_list()
     paired = differences["model"].unique(maintain_order=True).to_list()
@@ -46,7 +46,7 @@ def held_out_figure(held_out: pl.DataFrame, comparison: pl.DataFrame, difference
 def _dots(
     ax: Axes, models: list[str], values: dict[str, np.ndarray], comparison: pl.DataFrame, mean: str, error: str
 ) -> None:
-    """A row per model: a pale dot per demonstration, above it the mean with its standard error."""
+    """A row per model: a pale dot for each demonstration, and above them the mean with its standard error."""
     for row, model in enumerate(models):
         if model not in values:
             continue
@@ -54,8 +54,8 @@ def _dots(
         numbers = comparison.filter(model=model)
         dots = values[model]
         ax.plot(dots, np.full(dots.size, row + 0.16), "o", color=color, alpha=0.45, markersize=3, markeredgewidth=0)
-        centre, reach = numbers[mean][0], numbers[error][0]
-        error_bars(ax, centre, row - 0.14, xerr=reach)
+        centre, half_width = numbers[mean][0], numbers[error][0]
+        error_bars(ax, centre, row - 0.14, xerr=half_width)
         ax.plot(centre, row - 0.14, "D", color=color, markersize=4.5, markeredgecolor=INK, markeredgewidth=0.5)
     ax.set_yticks(range(len(models)), [model_name(model) for model in models])
     ax.set_ylim(len(models) - 0.5, -0.5)

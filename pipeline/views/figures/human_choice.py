@@ -1,4 +1,4 @@
-"""The figure of the human choice study: what people chose, and what each model predicted."""
+"""The figure of the human choice study: the observed shares and the predictions of each model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_BAR = 0.26
+_BAR = 0.26  # width of a bar, of which each option has one per model and one for the observed share
 
 
 @in_style
@@ -32,7 +32,8 @@ def choices_figure(predictions: pl.DataFrame) -> Figure:
     """Shares of the groups, and shares within each group that has several options.
 
     Args:
-        predictions: of `human_choice_predictions`, with `low` and `high`, the 95 % interval of the observed share.
+        predictions: the table `human_choice_predictions` with `low` and `high`, the 95 % interval of the observed
+            share.
     """
     within = predictions.filter(comparison="within")
     several = within["group"].unique(maintain_order=True).to_list()

@@ -1,4 +1,4 @@
-"""The figures of the robustness study: how much posteriors depend on the alternatives that were sampled."""
+"""The figures of the robustness study: how much posteriors depend on which alternatives were sampled."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ if TYPE_CHECKING:
 
 PATTERNS = {BOLTZMANN_WEIGHTED: (0, (2, 1.2)), LESS_CLEAN_BANDWIDTH: (0, (2, 1.2))}
 BASE = {BOLTZMANN_WEIGHTED: BOLTZMANN, LESS_CLEAN_BANDWIDTH: LESS}
-"""Variants are drawn in the colour of their model, with a line of another pattern."""
+"""A variant of a model has its colour and another line pattern."""
 CHOICES = {"bandwidth": "bandwidth × {}", "selector": "selector {}", "scale": "scale {}", "beta": "beta {}"}
 _KL, _SIZE, _ANGLE = "KLAggregate (nat)", "alternatives per set", "angle to the truth (deg)"
-_FAR = 1e6  # times a value, where its interval is cut
-_DECADES = 5  # of KLAggregate that a panel shows below its largest value
+_FAR = 1e6  # an interval is cut at this many times its value
+_DECADES = 5  # a panel shows this many decades of KLAggregate below its largest value
 
 
 @in_style
 def kl_figure(summary: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMPLER_SHIFT)) -> Figure:
-    """KLAggregate against set size with 95 % intervals, a column per regime, single demonstrations above all together.
+    """KLAggregate against set size with 95 % intervals, a column per regime; above single demonstrations, below all.
 
     Args:
         summary: the table `robustness_summary` of one task.
-        regimes: which to show.
+        regimes: the regimes to show.
     """
     figure = new_figure(TEXT_IN, 3.8)
     axes = figure.subplots(len(KINDS), len(regimes), squeeze=False, sharex=True, sharey="row")
@@ -72,18 +72,18 @@ def kl_figure(summary: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMP
 
 @in_style
 def importance_figure(summary: pl.DataFrame, accuracy: pl.DataFrame, sets: pl.DataFrame) -> Figure:
-    """What importance weights do where the samplers' densities are known, and how few alternatives carry them.
+    """The effect of importance weights for samplers with known density, and the effective sample size of the weights.
 
     Args:
         summary: the table `robustness_summary` of one task.
-        accuracy: of the function of that name; without rows there is no panel of angles.
+        accuracy: the result of `pipeline.views.robustness.accuracy`; without rows there is no panel of angles.
         sets: the table `robustness_sets`.
     """
     figure = new_figure(TEXT_IN, 2.3)
     axes = figure.subplots(1, 4 if accuracy.height else 3, sharex=True)
-    known = summary.filter(regime=KNOWN_DENSITY)
+    with_density = summary.filter(regime=KNOWN_DENSITY)
     for ax, kind in zip(axes, KINDS, strict=False):
-        rows = known.filter(demonstrations=kind)
+        rows = with_density.filter(demonstrations=kind)
         _curves(ax, rows, "set_size")
         _log_limits(ax, rows)
         ax.set_title(KINDS[kind])
@@ -97,7 +97,7 @@ def importance_figure(summary: pl.DataFrame, accuracy: pl.DataFrame, sets: pl.Da
     for ax in axes:
         ax.set_xlabel(_SIZE)
         ax.tick_params(axis="x", rotation=90)
-    _ticks(axes[0], known["set_size"])
+    _ticks(axes[0], with_density["set_size"])
     _legend(figure, *axes[[0, *range(2, len(axes))]])
     return figure
 
@@ -107,8 +107,8 @@ def accuracy_figure(accuracy: pl.DataFrame, hypotheses: int) -> Figure:
     """Angle between the most probable theta and the truth, and TruePosterior, against set size.
 
     Args:
-        accuracy: of the function of that name, of one task.
-        hypotheses: how many thetas there are; of which one is right by chance.
+        accuracy: the result of `pipeline.views.robustness.accuracy` for one task.
+        hypotheses: number of thetas, which gives the level of chance.
     """
     panels = [(kind, regime) for kind in KINDS for regime in (INDEPENDENT, SAMPLER_SHIFT)]
     figure = new_figure(TEXT_IN, 3.6)
@@ -142,10 +142,10 @@ def two_posteriors_figure(
     """The posterior over theta of one demonstration from two sets, a row per model, a column per regime.
 
     Args:
-        posteriors: rows of one demonstration and set size of the table `robustness_posteriors`.
-        set_ids: per regime, which two sets.
-        labels: K names of the thetas.
-        meaning: what the numbers in the labels are.
+        posteriors: rows of the table `robustness_posteriors` for one demonstration and set size.
+        set_ids: for each regime, the names of the two sets.
+        labels: (K,) names of the thetas.
+        meaning: what the numbers in the labels mean.
     """
     models = posteriors.filter(regime=next(iter(set_ids)))["model"].unique(maintain_order=True).to_list()
     figure = new_figure(TEXT_IN, 2.0 + 1.1 * len(models))
@@ -199,14 +199,14 @@ def duplicates_figure(summary: pl.DataFrame) -> Figure:
 def sensitivity_figure(
     summary: pl.DataFrame, entropies: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMPLER_SHIFT)
 ) -> Figure:
-    """KLAggregate and entropy of single demonstrations under every setting, the study's own with a filled mark.
+    """KLAggregate and entropy of single demonstrations under every setting. Settings of the study have a filled mark.
 
-    A KLAggregate that is five decades smaller than the largest is an arrow at the edge.
+    A KLAggregate more than five decades below the largest is drawn as an arrow at the edge.
 
     Args:
-        summary: rows of one set size of the table `sensitivity_summary` of one task.
-        entropies: the same of the posteriors' entropy; settings that are missing there have no mark.
-        regimes: which to show.
+        summary: rows of the table `sensitivity_summary` for one task and set size.
+        entropies: the same for the posteriors' entropy; settings that are missing in it have no mark.
+        regimes: the regimes to show.
     """
     settings = summary.select("choice", "setting").unique(maintain_order=True).rows()
     models = summary["model"].unique(maintain_order=True).to_list()
@@ -249,12 +249,12 @@ def sensitivity_figure(
 
 
 def _settings(ax: Axes, rows: pl.DataFrame, settings: Sequence[tuple[str, str]], models: Sequence[str]) -> None:
-    """A mark with its interval per setting and model."""
+    """A mark with its interval for each setting and model."""
     for offset, model in enumerate(models):
         shade = model_color(model, models)
         for line, (choice, setting) in enumerate(settings):
-            found = rows.filter(model=model, choice=choice, setting=setting)
-            for point in found.iter_rows(named=True):
+            points = rows.filter(model=model, choice=choice, setting=setting)
+            for point in points.iter_rows(named=True):
                 y = line + 0.3 * (offset - (len(models) - 1) / 2)
                 if point["low"] is not None:
                     ax.plot([point["low"], point["high"]], [y, y], color=shade, linewidth=0.8)
@@ -262,23 +262,23 @@ def _settings(ax: Axes, rows: pl.DataFrame, settings: Sequence[tuple[str, str]],
                 low = ax.get_xlim()[0] if ax.get_xscale() == "log" else point["value"]
                 beyond = point["value"] < low
                 ax.plot(
-                    max(point["value"], low), y, "<" if beyond else "o", color=shade, markerfacecolor=face, markersize=3.2,
-                    markeredgewidth=0.8, clip_on=not beyond,
+                    max(point["value"], low), y, "<" if beyond else "o", color=shade, markerfacecolor=face,
+                    markersize=3.2, markeredgewidth=0.8, clip_on=not beyond,
                 )  # fmt: skip
 
 
 def _curves(ax: Axes, points: pl.DataFrame, x: str, *, log: bool = True) -> None:
-    """A line per model through its values, with their intervals where they are known; on log axes positive ones."""
+    """A line per model through its values, with intervals where there are any. Log axes show only positive values."""
     models = points["model"].unique(maintain_order=True).to_list()
     for place, model in enumerate(models):
         rows = points.filter(pl.col("model") == model).sort(x)
         if log:
             rows = rows.filter(pl.col("value") > 0)
-        # side by side, so that intervals do not hide each other
-        at = rows[x].to_numpy() * 1.06 ** (place - (len(models) - 1) / 2)
+        # models are shifted sideways, so that intervals do not hide each other
+        shifted = rows[x].to_numpy() * 1.06 ** (place - (len(models) - 1) / 2)
         shade = model_color(BASE.get(model, model), (BOLTZMANN, LESS))
         ax.plot(
-            at,
+            shifted,
             rows["value"],
             "o",
             markersize=3,
@@ -286,11 +286,11 @@ def _curves(ax: Axes, points: pl.DataFrame, x: str, *, log: bool = True) -> None
             linestyle=PATTERNS.get(model, "-"),
             label=model_name(model),
         )
-        known = rows["low"].is_not_null().to_numpy()
-        value, low, high = (rows[name].to_numpy()[known] for name in ("value", "low", "high"))
-        if log:  # beyond every panel, but not beyond what axes can compute with
+        with_interval = rows["low"].is_not_null().to_numpy()
+        value, low, high = (rows[name].to_numpy()[with_interval] for name in ("value", "low", "high"))
+        if log:  # cut far outside every panel, because axes cannot compute with extreme numbers
             low, high = np.maximum(low, value / _FAR), np.minimum(high, value * _FAR)
-        ax.vlines(at[known], low, high, color=shade, linewidth=0.8)
+        ax.vlines(shifted[with_interval], low, high, color=shade, linewidth=0.8)
     ax.set_xscale("log")
     if log:
         ax.set_yscale("log")
@@ -322,7 +322,7 @@ def _effective_sizes(ax: Axes, sets: pl.DataFrame) -> None:
 
 
 def _log_limits(ax: Axes, points: pl.DataFrame) -> None:
-    """As far as the values and a decade beyond: intervals from few sets can reach much farther, and are cut."""
+    """Limit an axis to the intervals, but to a decade beyond the values: intervals from few sets can be far longer."""
     values = points.filter(pl.col("value") > 0)
     if values.is_empty():
         return
@@ -333,13 +333,13 @@ def _log_limits(ax: Axes, points: pl.DataFrame) -> None:
 
 
 def _ticks(ax: Axes, values: pl.Series) -> None:
-    """One for each value that there is."""
-    shown: list[Any] = sorted(values.unique())
-    ax.set_xticks(shown, [f"{value:,}" for value in shown])
+    """One tick for each distinct value."""
+    ticks: list[Any] = sorted(values.unique())
+    ax.set_xticks(ticks, [f"{value:,}" for value in ticks])
     ax.xaxis.set_minor_locator(NullLocator())
 
 
 def _legend(figure: Figure, *axes: Axes) -> None:
-    """What is shown in any of some axes, each once."""
-    shown = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(shown.values()), list(shown), loc="outside upper left", ncols=len(shown))
+    """One legend for everything that is shown in these axes."""
+    entries = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(entries.values()), list(entries), loc="outside upper left", ncols=len(entries))

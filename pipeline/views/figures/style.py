@@ -1,7 +1,8 @@
-"""Figures for print: one style, and files that are the same bytes for the same data.
+"""The style of figures for print, and writing them so that equal data give equal bytes.
 
 Everything is drawn with matplotlib's objects, without pyplot and its global state. Sizes are those of a two-column
-paper; nothing is smaller than 7 points there. Text in the SVG is outlines, so that no reader needs our fonts.
+paper, in which no text is smaller than 7 points. Text in the SVG is drawn as outlines, so that no reader needs the
+font.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 
-COLUMN_IN, TEXT_IN = 3.33, 7.0  # width of a column, and of the text
+COLUMN_IN, TEXT_IN = 3.33, 7.0  # width of a column and of the page's text, in inches
 DPI = 300
 TITLE_POINTS = 8
-_DIGITS = 5  # of the figure's size
+_DIGITS = 5  # decimals of positions, in units of the figure's size
 INK = "#222222"
 STYLE: dict[str, object] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same everywhere
     "mathtext.fontset": "dejavusans",
     "font.size": 7.5,
     "axes.titlesize": TITLE_POINTS,
@@ -75,12 +76,12 @@ STYLE: dict[str, object] = {
 
 
 def styled() -> AbstractContextManager[None]:
-    """Within it matplotlib makes and draws everything in `STYLE`; ticks are made when a figure is drawn."""
+    """A context in which matplotlib uses `STYLE`; saving needs it too, as ticks are made when a figure is drawn."""
     return style.context(["default", STYLE])
 
 
 def in_style(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw under `STYLE`, whatever the reader's own matplotlib settings are, and lay the figure out for good."""
+    """Make a function draw under `STYLE`, whatever the user's matplotlib settings are, and fix its figure's layout."""
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -93,22 +94,25 @@ def in_style(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 def _settle(figure: Figure) -> None:
-    """Lay out once and round: the layout's solver visits its variables by address, so its last digits change."""
-    for axes in figure.axes:  # a logarithmic axis needs a value above zero; KLAggregate of one hypothesis is 0
+    """Compute the layout once and round it, because the solver's last digits differ from run to run.
+
+    It visits its variables in the order of their memory addresses.
+    """
+    for axes in figure.axes:  # a logarithmic axis needs a value above zero, and KLAggregate of one hypothesis is 0
         if axes.get_xscale() == "log" and not np.isfinite(axes.dataLim.minposx):
             axes.set_xscale("linear")
         if axes.get_yscale() == "log" and not np.isfinite(axes.dataLim.minposy):
             axes.set_yscale("linear")
     figure.draw_without_rendering()
     with mpl.rc_context({"figure.constrained_layout.use": False}):
-        figure.set_layout_engine(None)  # with a placeholder for it, each saving would draw the figure twice
+        figure.set_layout_engine(None)  # else a placeholder engine would make every saving draw the figure twice
     for axes in figure.axes:
         left, bottom, width, height = (round(float(edge), _DIGITS) for edge in axes.get_position(original=True).bounds)
         axes.set_position((left, bottom, width, height), which="original")
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure of a given size; call it inside a function that is `in_style`."""
+    """An empty figure of this size; call it inside a function decorated by `in_style`."""
     figure = Figure(figsize=(width_in, height_in))
     FigureCanvasAgg(figure)
     return figure
@@ -117,7 +121,8 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 def write_figure(folder: Path, name: str, figure: Figure) -> None:
     """Write `name`.svg and `name`.png (300 dpi), each whole or not at all.
 
-    Equal figures give equal bytes with the same matplotlib: no dates, no program, fixed identifiers.
+    With the same matplotlib, equal figures give equal bytes: no date and no program name are written, and identifiers
+    are fixed.
     """
     with styled():
         with written_whole(folder / f"{name}.svg") as stream:
@@ -127,34 +132,34 @@ def write_figure(folder: Path, name: str, figure: Figure) -> None:
 
 
 def color(rgb: palette.RGB) -> tuple[float, float, float]:
-    """A colour of the palette as matplotlib takes it."""
+    """A colour of the palette in the form that matplotlib takes: red, green and blue from 0 to 1."""
     red, green, blue = (channel / 255 for channel in rgb)
     return red, green, blue
 
 
 def model_color(name: str, names: Sequence[str]) -> tuple[float, float, float]:
-    """The colour of one model among those shown, the same as in the viewer."""
+    """The colour of a model among those shown; it is the same as in the viewer."""
     return color(palette.model_color(name, tuple(names)))
 
 
 def error_bars(axes: Axes, x: ArrayLike, y: ArrayLike, *, xerr: Any = None, yerr: Any = None) -> None:
-    """Thin bars with ends at (x, y); the reach is one number or array, or two rows: down and up."""
+    """Thin bars with end caps at (x, y). Their length to either side is a number or array, or two rows: down and up."""
     axes.errorbar(x, y, yerr, xerr, fmt="none", ecolor=INK, elinewidth=0.7, capsize=1.4, capthick=0.7)
 
 
 def sequential_map() -> mpl.colors.Colormap:
-    """The palette's sequential scale; what is masked stays white."""
+    """The palette's sequential scale as a colour map, with white for masked values."""
     stops = [color(rgb) for rgb in palette.SEQUENTIAL]
     return mpl.colors.LinearSegmentedColormap.from_list("sequential", stops).with_extremes(bad="white")
 
 
 def with_unit(name: str, unit: str) -> str:
-    """A quantity and its unit as an axis says them."""
+    """The label of an axis: a quantity with its unit in parentheses."""
     return f"{name} ({unit.replace('^2', '²').replace('^3', '³')})" if unit else name
 
 
 def probability_axis(axes: Axes, label: str, top: float | None = 1.0) -> None:
-    """Let the vertical axis run from zero to `top`, or as far as there is something to show, with quiet lines across."""
+    """Let the vertical axis run from zero to `top`, or as far as the data if it is None, with pale grid lines."""
     axes.set_ylim(0.0, top)
     axes.set_ylabel(label)
     axes.grid(axis="y")

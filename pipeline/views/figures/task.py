@@ -1,4 +1,4 @@
-"""The figures of one task: what its recording shows, as it stands after all demonstrations."""
+"""The figures of a task: what its recording shows after all demonstrations."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from pipeline.arrays import FloatArray
     from pipeline.views.task_summary import DensityCurve, DensityMap
 
-_MOST_ROWS = 10
+_MOST_ROWS = 10  # hypotheses with a row of their own
 
 
 @in_style
 def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
-    """The density of the alternatives along each feature, as they are and as LESS weighs them, with the demonstrations."""
+    """The density of the alternatives along each feature, with equal and with LESS weights, and the demonstrations."""
     across = min(3, len(curves))
     down = -(-len(curves) // across)
     figure = new_figure(TEXT_IN if across > 1 else COLUMN_IN, 0.35 + 1.7 * down)
@@ -88,12 +88,12 @@ def map_figure(density: DensityMap) -> Figure:
 
 @in_style
 def posterior_figure(posteriors: Mapping[str, FloatArray], labels: Sequence[str], meaning: str) -> Figure:
-    """What each model infers from all demonstrations together.
+    """The posterior of each model given all demonstrations.
 
     Args:
-        posteriors: by model, (K,) probabilities.
+        posteriors: for each model, (K,) probabilities.
         labels: (K,) the hypotheses in words.
-        meaning: what the numbers in the labels are.
+        meaning: what the numbers in the labels mean.
     """
     models = tuple(posteriors)
     order = np.argsort(-np.max(list(posteriors.values()), axis=0), kind="stable")[:_MOST_ROWS]

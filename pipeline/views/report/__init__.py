@@ -1,1 +1,1 @@
-"""The report: its contents, and one HTML file that holds them."""
+"""The report of a project: its contents, and the HTML file that holds them."""

@@ -1,4 +1,4 @@
-"""What the report says: what was run, what came out and what to be careful about."""
+"""The contents of the report: what was run, the results, and what to be careful about."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ APART = f"""select task, model, other_model from disagreement_between_models
 
 
 def report(project: Project) -> Report:
-    """The report of a project, from its catalog, figures and headline numbers."""
+    """Make the report of a project from its catalog, figures and headline numbers."""
     answers = _Answers(project)
     tasks = [name for name in project.params.tasks if name in answers.words]
     headline = {name: _metrics(project, name) for name in (*tasks, STUDIES)}
@@ -60,12 +60,12 @@ def report(project: Project) -> Report:
 
 
 class _Answers:
-    """What the catalog says, asked once.
+    """Answers from the catalog. Calling it asks a question; what several parts of the report need is asked once.
 
     Attributes:
-        words: per task with posteriors, its hypotheses in words by theta_id.
-        meaning: per such task, what the numbers in these words are.
-        best: the most probable theta of each demonstration and of all together, per model, on the working set.
+        words: for each task with posteriors, its hypotheses in words, by theta_id.
+        meaning: for each such task, what the numbers in these words mean.
+        best: the most probable theta for each demonstration, all together, and model, on the working set.
     """
 
     def __init__(self, project: Project) -> None:
@@ -82,7 +82,7 @@ class _Answers:
             self.meaning[str(task)] = theta_meaning(thetas)
 
     def __call__(self, table: str, question: str) -> pl.DataFrame:
-        """The answer, or nothing if the catalog has no such table or view."""
+        """The answer; an empty table if the catalog has no such table or view."""
         return ask(self._catalog, question) if table in self._names else pl.DataFrame()
 
 
@@ -93,13 +93,13 @@ def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -
     )  # fmt: skip
     rows = []
     for task in tasks:
-        for model, of_model in headline[task].items():
+        for model, model_numbers in headline[task].items():
             if model == "recordings":
                 continue
-            divergence = of_model.get("kl_aggregate", {})
-            numbers = [of_model[name] for name in ("best", "posterior", "beta", "entropy")]
+            divergence = model_numbers.get("kl_aggregate", {})
+            numbers = [model_numbers[name] for name in ("best", "posterior", "beta", "entropy")]
             spread = [divergence.get(regime) for regime in (INDEPENDENT, SAMPLER_SHIFT)]
-            rows.append([task, model_name(model), *numbers, of_model.get("held_out"), *spread])
+            rows.append([task, model_name(model), *numbers, model_numbers.get("held_out"), *spread])
     caption = (
         "What all demonstrations of a task together say: the most probable weights with their probability, the most "
         "probable beta with them, the entropy of the posterior over weights, the mean log predictive probability of a "
@@ -119,37 +119,43 @@ def _hypotheses(answers: _Answers) -> list[Part]:
 
 
 def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list[str]:
-    said = [f"Task {task}: no posterior yet; run `dvc repro`." for task in project.params.tasks if task not in tasks]
-    said += _of_recordings(answers)
+    sentences = [
+        f"Task {task}: no posterior yet; run `dvc repro`." for task in project.params.tasks if task not in tasks
+    ]
+    sentences += _of_recordings(answers)
     salvaged = answers("demonstrations", "from demonstrations where salvaged order by task, source")
     for task, source, lost in _rows(salvaged, "task", "source", "lost"):
-        said.append(f"Task {task}: the recording {source} is cut off, and what stands before the cut was used. {lost}")
+        sentences.append(
+            f"Task {task}: the recording {source} is cut off, and what stands before the cut was used. {lost}"
+        )
     simulated = answers(
         "demonstrations",
         "select task, count(*) filter (simulated) as n from demonstrations group by task order by task",
     )
-    said += [
+    sentences += [
         f"Task {task}: {n} demonstrations are simulated; nobody moved an arm."
         for task, n in _rows(simulated, "task", "n")
         if n
     ]
     for task, model, other in _rows(answers("posteriors", APART), "task", "model", "other_model"):
-        said.append(f"Task {task}: {model_name(model)} and {model_name(other)} disagree on what all together want.")
-    for task, model, size, sets, found in _rows(
+        sentences.append(
+            f"Task {task}: {model_name(model)} and {model_name(other)} disagree on what all together want."
+        )
+    for task, model, size, sets, different in _rows(
         answers("posteriors", SPLIT), "task", "model", "set_size", "sets", "answers"
     ):
-        said.append(
-            f"Task {task}: under {model_name(model)} the answer hangs on the sample: {sets} sets of {size:,} alternatives "
-            f"give {found} different answers."
+        sentences.append(
+            f"Task {task}: under {model_name(model)} the answer hangs on the sample: {sets} sets of {size:,} "
+            f"alternatives give {different} different answers."
         )
     outdated = _rows(answers("outdated", "from outdated"), "file", "input")
     if outdated:
         file, made_from = outdated[0]
-        said.append(
-            f"{len({file for file, _ in outdated})} tables are out of date, {file} among them, which was made from another "
-            f"version of {made_from} than is there now; run `dvc repro`."
+        sentences.append(
+            f"{len({file for file, _ in outdated})} tables are out of date, {file} among them, which was made from "
+            f"another version of {made_from} than is there now; run `dvc repro`."
         )
-    return said or ["Nothing: every recording was used, and models and sets agree."]
+    return sentences or ["Nothing: every recording was used, and models and sets agree."]
 
 
 def _of_recordings(answers: _Answers) -> list[str]:
@@ -192,13 +198,14 @@ def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
     people = answers("demonstrations", "from demonstrations order by source").filter(task=name)
     sizes = answers("sampling", SIZES).filter(task=name).to_dicts()
     drawn = "".join(
-        f" {row['sets']:,} sets of {row['least']:,} to {row['largest']:,} alternatives by the sampler {settings.sample.sampler}."
+        f" {row['sets']:,} sets of {row['least']:,} to {row['largest']:,} alternatives by the sampler "
+        f"{settings.sample.sampler}."
         for row in sizes
     )
     about = (
-        f"{people.height} demonstrations by {people['participant'].n_unique()} people in {task.scene}.{drawn} Features: "
-        f"{', '.join(task.features)}, divided by their {settings.features.scale} (none: as they are). Bandwidth: "
-        f"{settings.density.bandwidth}. Weights in words are {answers.meaning[name]}."
+        f"{people.height} demonstrations by {people['participant'].n_unique()} people in {task.scene}.{drawn} "
+        f"Features: {', '.join(task.features)}, divided by their {settings.features.scale} (none: as they are). "
+        f"Bandwidth: {settings.density.bandwidth}. Weights in words are {answers.meaning[name]}."
     )
     rejected = (
         answers("rejected", "from rejected order by source").filter(task=name).select("source", "reason", "detail")
@@ -216,7 +223,10 @@ def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
 def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:
     best = answers.best.filter(task=name)
     models = best["model"].unique(maintain_order=True).to_list()
-    found = {(of, who, model): words for of, who, model, words in _best_words(answers, name, best)}
+    answer = {
+        (demonstration, participant, model): words
+        for demonstration, participant, model, words in _best_words(answers, name, best)
+    }
     hashes = dict(_rows(answers("lineage", HASHES).filter(task=name), "demonstration_id", "recording_sha256"))
     rows: list[list[object]] = [
         [
@@ -225,10 +235,10 @@ def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:
             row["duration_s"],
             str(hashes.get(row["demonstration_id"]) or "")[:_HASH_DIGITS],
         ]
-        + [found.get((row["demonstration_id"], row["participant"], model), "not inferred yet") for model in models]
+        + [answer.get((row["demonstration_id"], row["participant"], model), "not inferred yet") for model in models]
         for row in people.iter_rows(named=True)
     ]
-    rows.append(["all together", "", None, "", *(found[ALL, ALL, model] for model in models)])
+    rows.append(["all together", "", None, "", *(answer[ALL, ALL, model] for model in models)])
     header = (
         "recording",
         "participant",
@@ -241,15 +251,17 @@ def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:
 
 def _best_words(answers: _Answers, name: str, best: pl.DataFrame) -> list[tuple[str, str, str, str]]:
     return [
-        (of, who, model, answers.words[name][theta_id])
-        for of, who, model, theta_id in _rows(best, "demonstration_id", "participant", "model", "theta_id")
+        (demonstration, participant, model, answers.words[name][theta_id])
+        for demonstration, participant, model, theta_id in _rows(
+            best, "demonstration_id", "participant", "model", "theta_id"
+        )
     ]
 
 
 def _pictures(project: Project, name: str, captions: Mapping[str, str]) -> list[Part]:
     files = {file.stem: file for file in sorted(project.figures(name).glob("*.svg"))}
-    known = [figure for figure in captions if figure in files]
-    return [Picture(files[figure].read_bytes(), captions[figure]) for figure in known]
+    drawn = [figure for figure in captions if figure in files]
+    return [Picture(files[figure].read_bytes(), captions[figure]) for figure in drawn]
 
 
 def _versions(project: Project, answers: _Answers, tasks: Sequence[str]) -> list[Part]:
@@ -261,20 +273,20 @@ def _versions(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
         for row in files.iter_rows(named=True)
         if row["task"] in tasks
     ]
-    stated: list[Part] = [
+    parts: list[Part] = [
         Text("Equal recordings, parameters and versions give the same tables and figures, byte for byte."),
         Table("Programs.", ("program", "version"), programs),
     ]
     if rows:
         header = ("task", "seed", "compiled scene", "parameters", "posteriors.parquet")
-        stated.append(
+        parts.append(
             Table(
                 "What each task's posteriors were made from, and they themselves: the first digits of SHA-256.",
                 header,
                 rows,
             )
         )
-    return stated
+    return parts
 
 
 def _parameters(project: Project) -> list[Part]:

@@ -1,4 +1,4 @@
-"""A report as one HTML file that opens anywhere: it holds its pictures and its style, and asks nothing of the network."""
+"""A report as one HTML file that opens anywhere: it holds its pictures and style and loads nothing from elsewhere."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from pathlib import Path
 
 from pipeline.formats.files.atomic import written_whole
 
-_POINT_PX = 4 / 3
-_SMALL_PX = 400
+_POINT_PX = 4 / 3  # pixels per point
+_SMALL_PX = 400  # pictures below this width stand side by side
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 _STYLE = """
 :root { color-scheme: light; }
 * { box-sizing: border-box; }
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; margin: 0 auto; padding: 1.25rem; max-width: 62rem; }
+body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; margin: 0 auto; padding: 1.25rem; \
+max-width: 62rem; }
 h1 { font-size: 1.75rem; line-height: 1.2; margin: 0 0 .25rem; }
 h2 { font-size: 1.35rem; margin: 2.75rem 0 .5rem; padding-top: .75rem; border-top: 3px solid #0072b2; }
 p { margin: .5rem 0; max-width: 46rem; }
@@ -39,7 +40,8 @@ table { border-collapse: collapse; font-size: .9rem; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid #ddd; }
 th { border-bottom: 1.5px solid #222; }
 td.number { font-variant-numeric: tabular-nums; }
-pre { font: .8rem/1.45 ui-monospace, monospace; background: #f5f5f5; padding: .8rem; white-space: pre-wrap; overflow-wrap: anywhere; }
+pre { font: .8rem/1.45 ui-monospace, monospace; background: #f5f5f5; padding: .8rem; white-space: pre-wrap; \
+overflow-wrap: anywhere; }
 @media screen and (max-width: 40rem) {
   body { padding: .9rem; }
   .figures figure:not(.small) img { max-width: none; width: 42rem; }
@@ -87,7 +89,7 @@ class Points:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under a header, with a sentence that says what they are; numbers are written with three digits."""
+    """Rows under a header, with a caption; numbers that are not whole are written with three digits."""
 
     caption: str
     header: Sequence[str]
@@ -96,7 +98,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """An SVG with what it shows."""
+    """An SVG with a caption."""
 
     svg: bytes
     caption: str
@@ -104,7 +106,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Verbatim:
-    """Text as it stands in a file."""
+    """The text of a file, unchanged."""
 
     words: str
 
@@ -114,7 +116,7 @@ Part = Text | Points | Table | Picture | Verbatim
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the report with its title; `opens` a page when printed."""
+    """A part of the report with its title; `opens` says whether it starts on a new page when printed."""
 
     title: str
     parts: Sequence[Part]
@@ -123,7 +125,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Report:
-    """What `write_report` writes."""
+    """The whole report: its title, a line below it, and its sections."""
 
     title: str
     lead: str
@@ -131,7 +133,7 @@ class Report:
 
 
 def write_report(path: Path, report: Report) -> int:
-    """Write the report whole or not at all; equal reports give equal bytes. Returns how many."""
+    """Write the report, whole or not at all, and return its size in bytes. Equal reports give equal bytes."""
     page = render(report).encode()
     with written_whole(path) as stream:
         stream.write(page)
@@ -139,7 +141,7 @@ def write_report(path: Path, report: Report) -> int:
 
 
 def render(report: Report) -> str:
-    """The page. Everything that is not ours is escaped, and a content policy lets it fetch nothing."""
+    """The page. All text in the report is escaped, and a content policy keeps the page from loading anything."""
     sections = list(enumerate(report.sections, start=1))
     links = "\n".join(f'<a href="#part-{number}">{escape(section.title)}</a>' for number, section in sections)
     return "\n".join(
@@ -164,7 +166,7 @@ def _section(number: int, section: Section) -> str:
         if isinstance(part, Picture):
             pictures.append(part)
             continue
-        if pictures:  # those that follow each other stand side by side where there is room
+        if pictures:  # consecutive pictures stand side by side where there is room
             lines.append(f'<div class="figures">\n{"".join(map(_picture, pictures))}</div>')
             pictures = []
         if part is not None:
@@ -208,13 +210,14 @@ def _picture(picture: Picture) -> str:
     source = "data:image/svg+xml;base64," + b64encode(picture.svg).decode("ascii")
     caption = escape(picture.caption)
     return (
-        f'<figure{kind}><div class="scroll"><img width="{width}" height="{height}" alt="{caption}" src="{source}"></div>\n'
+        f'<figure{kind}><div class="scroll">'
+        f'<img width="{width}" height="{height}" alt="{caption}" src="{source}"></div>\n'
         f"<figcaption>{caption}</figcaption></figure>\n"
     )
 
 
 def _size_px(svg: bytes) -> tuple[int, int]:
-    found = re.search(rb'<svg[^>]*\bwidth="([\d.]+)pt"[^>]*\bheight="([\d.]+)pt"', svg)
-    if found is None:
+    match = re.search(rb'<svg[^>]*\bwidth="([\d.]+)pt"[^>]*\bheight="([\d.]+)pt"', svg)
+    if match is None:
         return 640, 480
-    return round(float(found[1]) * _POINT_PX), round(float(found[2]) * _POINT_PX)
+    return round(float(match[1]) * _POINT_PX), round(float(match[2]) * _POINT_PX)

@@ -1,1 +1,1 @@
-"""Recordings for the Rerun viewer, and the servers that hand them to viewers on this machine."""
+"""Recordings for the Rerun viewer, and serving them to viewers."""

@@ -1,4 +1,4 @@
-"""A chart of bars that can be read in the viewer: a named row per thing, a column per model.
+"""A bar chart for the viewer, with a named row for each item and a column for each model.
 
 Rerun's own bar chart has no names on its axis, so bars, lines and names are drawn as 2-D shapes on a page.
 """
@@ -20,26 +20,25 @@ if TYPE_CHECKING:
 
     from pipeline.arrays import FloatArray
 
-_ROW = 25.0
-_BAR_RADIUS = 6.5
-_VALUE_WIDTH = 60.0
-# the viewer hangs a label below its point
-_LABEL_DROP = 13.0
-_WORTH_A_NUMBER = 0.01
-# shorter than this, a bar's end cannot be told from its beginning
-_SHORTEST = 2.0
+# Lengths are in page units.
+_ROW = 25.0  # height of a row
+_BAR_RADIUS = 6.5  # half the height of a bar
+_VALUE_WIDTH = 60.0  # width that is left for a number behind a bar
+_LABEL_DROP = 13.0  # distance at which the viewer draws a label below its point
+_SHORTEST = 2.0  # a shorter bar's end cannot be told from its beginning
+_WORTH_A_NUMBER = 0.01  # smaller probabilities have no number
 
 
 @dataclass(frozen=True)
 class BarChart:
-    """Where things are on the page; a page unit is a screen point where the view has the size it was laid out for.
+    """The layout of a chart. A page unit is a screen point if the view has the size that it was laid out for.
 
     Attributes:
-        entity: where it is logged.
-        models: in the order of the columns.
-        full: the probability at a bar's full length.
-        names_width: of the column of names, in page units.
-        columns_width: of all models' columns together.
+        entity: the path under which the chart is logged.
+        models: names of the models, in the order of their columns.
+        full: the probability that a bar of full length stands for.
+        names_width: width of the column of names, in page units.
+        columns_width: width of all models' columns together, in page units.
     """
 
     entity: str
@@ -49,7 +48,7 @@ class BarChart:
     columns_width: float = 480.0
 
     def bounds(self, rows: int) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Horizontal and vertical extent of a chart of so many rows."""
+        """Horizontal and vertical extent of a chart with this number of rows."""
         return (0.0, self.names_width + self.columns_width + 10.0), (-1.6 * _ROW, (rows + 0.9) * _ROW)
 
     @property
@@ -58,24 +57,24 @@ class BarChart:
         return self.columns_width / len(self.models) - _VALUE_WIDTH
 
     def left(self, column: int) -> float:
-        """Where a column's bars begin."""
+        """The horizontal position at which the bars of a column begin."""
         return self.names_width + column * self.columns_width / len(self.models)
 
     def color(self, column: int) -> palette.RGB:
-        """Of a column's bars."""
+        """The colour of a column's bars."""
         return palette.model_color(self.models[column], self.models)
 
 
 def full_scale(longest: float) -> float:
-    """The round probability that a full bar stands for."""
+    """The smallest round probability that is not below `longest`, for a bar of full length."""
     return next(step for step in (0.1, 0.2, 0.5, 1.0) if longest <= step + 1e-9)
 
 
 def log_bars(recording: rr.RecordingStream, chart: BarChart, column: int, values: FloatArray, *, static: bool) -> None:
-    """Log one model's bars, and each one's number at the end of its column."""
+    """Log the bars of one model, with their numbers at the end of its column."""
     lengths = values / chart.full * chart.full_length
-    # a strip with round ends that fills the bar's rectangle: lying where the bar is long, standing where it is short, and
-    # never without length, which would not be drawn
+    # A bar is a strip with round ends that fills the bar's rectangle. It lies if the bar is long and stands if it is
+    # short, so that it never has length zero, which would not be drawn.
     radii = 0.98 * np.minimum(_BAR_RADIUS, lengths / 2)
     reach = np.stack([lengths / 2 - radii, _BAR_RADIUS - radii], axis=1)
     centres = np.stack([chart.left(column) + lengths / 2, np.arange(values.size) * _ROW], axis=1)
@@ -85,15 +84,15 @@ def log_bars(recording: rr.RecordingStream, chart: BarChart, column: int, values
     recording.log(f"{entity}/bars", bars, static=static)
     numbered = values >= _WORTH_A_NUMBER
     right = np.full(int(numbered.sum()), chart.left(column) + chart.full_length + 0.5 * _VALUE_WIDTH)
-    at = np.stack([right, centres[numbered, 1] - _LABEL_DROP], axis=1)
-    log_labels(recording, f"{entity}/values", at, [f"{value:.2f}" for value in values[numbered]], static=static)
+    positions = np.stack([right, centres[numbered, 1] - _LABEL_DROP], axis=1)
+    log_labels(recording, f"{entity}/values", positions, [f"{value:.2f}" for value in values[numbered]], static=static)
 
 
 def log_lines(recording: rr.RecordingStream, chart: BarChart, column: int, values: FloatArray, name: str) -> None:
-    """Log a white line across each row of a column, at its value; those next to zero are left out."""
+    """Log a white line at the value of each row of a column; lines next to zero are left out."""
     lengths = values / chart.full * chart.full_length
-    seen = lengths >= _SHORTEST
-    x, y = chart.left(column) + lengths[seen], np.flatnonzero(seen) * _ROW
+    visible = lengths >= _SHORTEST
+    x, y = chart.left(column) + lengths[visible], np.flatnonzero(visible) * _ROW
     half = 0.36 * _ROW
     strips = np.stack([np.stack([x, y - half], axis=1), np.stack([x, y + half], axis=1)], axis=1)
     lines = rr.LineStrips2D(strips, radii=rr.Radius.ui_points(0.9), colors=palette.WHITE, draw_order=2.0)
@@ -101,18 +100,18 @@ def log_lines(recording: rr.RecordingStream, chart: BarChart, column: int, value
 
 
 def log_frame(recording: rr.RecordingStream, chart: BarChart, rows: Sequence[str], *, static: bool = True) -> None:
-    """Log the rows' names, and above and below each column its model and its scale."""
+    """Log the names of the rows, and the model above and the scale below each column."""
     names, colors = list(rows), [palette.WHITE] * len(rows)
-    at = [(0.5 * chart.names_width, row * _ROW - _LABEL_DROP) for row in range(len(names))]
+    positions = [(0.5 * chart.names_width, row * _ROW - _LABEL_DROP) for row in range(len(names))]
     bottom = (len(names) - 0.4) * _ROW
     rules = []
     for column, model in enumerate(chart.models):
         left, right = chart.left(column), chart.left(column) + chart.full_length
         names += [model_name(model), "0", f"{chart.full:g}"]
         colors += [chart.color(column), palette.WHITE, palette.WHITE]
-        at += [((left + right) / 2, -1.3 * _ROW - 0.5 * _LABEL_DROP), (left, bottom), (right, bottom)]
+        positions += [((left + right) / 2, -1.3 * _ROW - 0.5 * _LABEL_DROP), (left, bottom), (right, bottom)]
         rules += [[(x, -0.6 * _ROW), (x, bottom)] for x in (left, right)]
-    log_labels(recording, f"{chart.entity}/names", np.array(at), names, static=static, colors=colors)
+    log_labels(recording, f"{chart.entity}/names", np.array(positions), names, static=static, colors=colors)
     thin = rr.Radius.ui_points(0.5)
     strips = rr.LineStrips2D(rules, radii=thin, colors=palette.GREY, draw_order=0.0)
     recording.log(f"{chart.entity}/frame", strips, static=static)

@@ -1,7 +1,7 @@
-"""The densities and the text of an inspection in Rerun's terms.
+"""Logs the densities and the text of an inspection to Rerun.
 
-Rerun has no axes for anything but time, so curves and the map are drawn as 2-D shapes on a page of cells: column g of a
-page is value g of its grid, rows run downwards.
+Rerun has axes for time alone, so curves and the map are drawn as 2-D shapes on a page of cells: column g of a page is
+value g of its grid, and rows run downwards.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     Bounds = tuple[tuple[float, float], tuple[float, float]]
     Marks = Mapping[str, tuple[FloatArray, palette.RGB]]
 
-_CURVE_SHAPE = 0.66
-_RUG = 0.05
+_CURVE_SHAPE = 0.66  # height of a curve's page, as a share of its width
+_RUG = 0.05  # height of the marks below a curve, as a share of the page's height
 _LINE, _HAIR = rr.Radius.ui_points(1.3), rr.Radius.ui_points(0.4)
 
 
@@ -38,23 +38,23 @@ def log_densities(recording: rr.RecordingStream, inspection: Inspection) -> None
 
 
 def log_summary(recording: rr.RecordingStream, inspection: Inspection) -> None:
-    """Log the text under `/summary`: what the stage says, then the highest probabilities and the colours."""
+    """Log the text under `/summary`: the summary of the stage, the highest probabilities and what the colours mean."""
     text = f"{inspection.summary.rstrip()}\n\n{_legend(inspection)}"
     recording.log("summary", rr.TextDocument(drawable(text), media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def curve_entity(feature: str) -> str:
-    """Where the density along a feature is logged."""
+    """The entity under which the density along a feature is logged."""
     return f"density/{part(feature)}"
 
 
 def curve_bounds(curve: DensityCurve) -> Bounds:
-    """What the view of a curve shows, horizontally and vertically, in cells."""
+    """Horizontal and vertical extent of a curve's view, in cells."""
     return _with_margins(curve.grid.size, _CURVE_SHAPE * curve.grid.size)
 
 
 def map_bounds(density: DensityMap) -> Bounds:
-    """What the view of the map shows, horizontally and vertically, in cells."""
+    """Horizontal and vertical extent of the map's view, in cells."""
     height, width = density.density.shape
     return _with_margins(width, height)
 
@@ -67,9 +67,9 @@ def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks |
     """Log both densities along one feature, and marks where the demonstrations are.
 
     Args:
-        recording: where to.
+        recording: the recording that is logged to.
         curve: the densities.
-        marks: values and colour of each kind of demonstrations, by name; those of the curve, if not given.
+        marks: values and colour of each kind of demonstrations, by name; by default those of the curve.
     """
     marks = marks or {"demonstrations": (curve.demonstrations, palette.DEMONSTRATION)}
     entity, width = curve_entity(curve.feature), float(curve.grid.size)
@@ -92,24 +92,24 @@ def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks |
     up = ticks(0.0, top)
     _log_axes(recording, entity, (width, height), curve.grid, up, height * up / top)
     _log_axis_names(recording, entity, (width, height), f"{curve.feature} ({curve.unit})", f"per {curve.unit}")
-    named = ["every alternative alike", "weighted by LESS", *marks]
+    names = ["every alternative alike", "weighted by LESS", *marks]
     colors = [palette.RAW_DENSITY, palette.MODELS[LESS], *(color for _, color in marks.values())]
-    at = [(0.8 * width, row * 0.08 * height) for row in range(len(named))]
-    log_labels(recording, f"{entity}/legend", at, named, colors=colors)
+    positions = [(0.8 * width, row * 0.08 * height) for row in range(len(names))]
+    log_labels(recording, f"{entity}/legend", positions, names, colors=colors)
 
 
 def log_map(recording: rr.RecordingStream, density: DensityMap, points: Marks | None = None) -> None:
     """Log the density over two features as an image under `/map`, and the demonstrations as points.
 
     Args:
-        recording: where to.
-        density: the image.
-        points: (n, 2) values and colour of each kind of demonstrations, by name; those of the map, if not given.
+        recording: the recording that is logged to.
+        density: the density to draw as an image.
+        points: (n, 2) values and colour of each kind of demonstrations, by name; by default those of the map.
     """
     if points is None:
         points = {"demonstrations": (density.demonstrations, palette.DEMONSTRATION)}
     height, width = density.density.shape
-    # one dense spot, common with features that are often zero, would leave the rest dark on a linear scale
+    # square root, because a single dense spot (features are often zero) would leave the rest dark on a linear scale
     share = np.sqrt(density.density[::-1] / density.density.max())
     smooth = rr.components.MagnificationFilter.Linear
     image = rr.Image(palette.sequential(share, 0.0, 1.0), magnification_filter=smooth)
@@ -132,9 +132,9 @@ def log_map_points(
     static: bool = True,
 ) -> None:
     """Log (n, 2) values as points on the map."""
-    at = np.stack([_cells(values[:, 0], density.x), len(density.y) - _cells(values[:, 1], density.y)], axis=1)
+    positions = np.stack([_cells(values[:, 0], density.x), len(density.y) - _cells(values[:, 1], density.y)], axis=1)
     for suffix, radius, fill in ((" rims", 6.0, palette.BACKGROUND), ("", 4.5, color)):
-        dots = rr.Points2D(at, radii=rr.Radius.ui_points(radius), colors=fill, draw_order=31.0 - radius / 10)
+        dots = rr.Points2D(positions, radii=rr.Radius.ui_points(radius), colors=fill, draw_order=31.0 - radius / 10)
         recording.log(f"map/{part(name + suffix)}", dots, static=static)
 
 
@@ -146,7 +146,7 @@ def _log_axes(
     up: FloatArray,
     heights: FloatArray,
 ) -> None:
-    """Numbers below and left of a page, and a line along its bottom."""
+    """Log numbers below and to the left of a page, and a line along its bottom."""
     width, height = page
     across = ticks(grid[0], grid[-1])
     marks = [(x, height) for x in _cells(across, grid)]
@@ -166,17 +166,17 @@ def _log_axis_names(
 
 
 def _cells(values: FloatArray, grid: FloatArray) -> FloatArray:
-    """Values to page coordinates: the centre of cell g is at g + 1/2."""
+    """Page coordinates of values; the centre of cell g is at g + 1/2."""
     cells: FloatArray = (np.asarray(values) - grid[0]) / (grid[1] - grid[0]) + 0.5
     return cells
 
 
 def ticks(low: float, high: float) -> FloatArray:
-    """Round numbers within `low`..`high`, three to seven of them."""
+    """Three to seven round numbers between `low` and `high`."""
     rough = (high - low) / 4
     magnitude = 10.0 ** np.floor(np.log10(rough))
     step = min((1, 2, 2.5, 5, 10), key=lambda factor: abs(factor * magnitude - rough)) * magnitude
-    # adding zero turns -0 into 0
+    # adding 0.0 turns -0.0 into 0.0
     return np.asarray(np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step + 0.0)
 
 

@@ -1,4 +1,4 @@
-"""Text in the viewer: only characters that its font has, and labels at chosen places of a page."""
+"""Text in the viewer: only characters that its font has, and labels at given positions of a page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _DRAWN = {chr(code) for start, stop in _RANGES for code in range(start, stop)} |
 
 
 def drawable(text: str) -> str:
-    """`text` with a question mark for every character that the viewer's one font may lack: it ends with a panic there."""
+    """`text` with a question mark for each character that the viewer's font may lack, which would crash the viewer."""
     return "".join(character if character in _DRAWN else "?" for character in text)
 
 
@@ -30,22 +30,22 @@ def part(name: str) -> str:
 def log_labels(
     recording: rr.RecordingStream,
     entity: str,
-    at: ArrayLike,
+    positions: ArrayLike,
     texts: Sequence[str],
     *,
     static: bool = True,
     colors: Sequence[palette.RGB] = (palette.WHITE,),
 ) -> None:
-    """Log text on a 2-D page; the viewer centres a label below its point.
+    """Log labels on a 2-D page; the viewer centres each below its position.
 
     Args:
-        recording: where to.
-        entity: its path.
-        at: (n, 2) page coordinates.
-        texts: (n,).
-        static: whether they are there at all times.
-        colors: one for all, or (n,).
+        recording: the recording that is logged to.
+        entity: the path under which the labels are logged.
+        positions: (n, 2) page coordinates.
+        texts: (n,) the labels.
+        static: whether they are shown at all times.
+        colors: one colour for all, or (n,).
     """
     labels = [drawable(text) for text in texts]
-    points = rr.Points2D(at, radii=0.0, colors=list(colors), labels=labels, show_labels=True)
+    points = rr.Points2D(positions, radii=0.0, colors=list(colors), labels=labels, show_labels=True)
     recording.log(entity, points, static=static)

@@ -1,4 +1,4 @@
-"""The layout that opens with an inspection: scene and posteriors above, densities and numbers below."""
+"""The layout of an inspection in the viewer: scene and posteriors above, densities and numbers below."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     from pipeline.views.rerun.records import AlternativeSet, Inspection, Replay
     from pipeline.views.task_summary import DensityMap
 
-_SHORT_REPLAY_S = 60.0
+_SHORT_REPLAY_S = 60.0  # a longer replay is played faster, so that it takes about this time
+# Distance of the camera from what it looks at, and how far below the middle it looks: shares of the picture's diagonal.
 _DISTANCE, _LOWER = 0.86, 0.05
 
 
 def layout(inspection: Inspection) -> rrb.Blueprint:
-    """The views of an inspection, and a replay that plays by itself, in about a minute if it would take longer."""
+    """The views of an inspection, and a replay that starts by itself and takes at most about a minute."""
     above = rrb.Horizontal(_scene_view(inspection), _posterior_view(inspection), column_shares=[10, 10])
     columns: list[tuple[int, rrb.View | rrb.Container]] = [
         (9, _curve_views(inspection)),
@@ -60,55 +61,54 @@ def layout(inspection: Inspection) -> rrb.Blueprint:
 def _scene_view(inspection: Inspection) -> rrb.Spatial3DView:
     shown = [group.paths for group in inspection.alternatives if group.shown]
     moving = [inspection.demonstration_paths, *shown, inspection.replay.body_positions[:, 1:]]
-    seen = np.concatenate([points.reshape(-1, 3) for points in moving])
-    return scene_view(inspection.replay, seen, hidden(inspection.alternatives))
+    in_picture = np.concatenate([points.reshape(-1, 3) for points in moving])
+    return scene_view(inspection.replay, in_picture, hidden(inspection.alternatives))
 
 
-def scene_view(replay: Replay, seen: FloatArray, unseen: Sequence[str]) -> rrb.Spatial3DView:
+def scene_view(replay: Replay, in_picture: FloatArray, hidden_entities: Sequence[str]) -> rrb.Spatial3DView:
     """The view of the arm in its scene.
 
     Args:
-        replay: where the robot stands, and from where its author looks.
-        seen: (P, 3) m, points that should be in the picture.
-        unseen: entities that wait to be selected.
+        replay: gives the position of the robot's base and of the scene's camera.
+        in_picture: (P, 3) m, points that should be in the picture.
+        hidden_entities: entities that are hidden until the user selects them.
     """
-    position, target = camera(seen, replay.body_positions[0, 1], replay.geometry.viewpoint)
+    position, target = camera(in_picture, replay.body_positions[0, 1], replay.geometry.viewpoint)
     return rrb.Spatial3DView(
         origin="scene",
         name="Demonstrations (pink), alternatives by LESS weight (blue low, yellow high)",
         background=_background(palette.ROOM),
         line_grid=False,
         eye_controls=rrb.EyeControls3D(position=position, look_target=target, eye_up=(0.0, 0.0, 1.0)),
-        overrides={entity: rrb.EntityBehavior(visible=False) for entity in unseen},
+        overrides={entity: rrb.EntityBehavior(visible=False) for entity in hidden_entities},
     )
 
 
 def hidden(alternatives: Sequence[AlternativeSet]) -> list[str]:
-    """The entities of the sets that wait to be selected."""
+    """The entities of the sets that are hidden until the user selects them."""
     return [alternatives_entity(group.name) for group in alternatives if not group.shown]
 
 
-def camera(seen: FloatArray, base: FloatArray, viewpoint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Where to look from, and at what: all that moves, from the side of the scene's camera.
+def camera(in_picture: FloatArray, base: FloatArray, viewpoint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Position and target of the viewer's camera, which looks at all points from the side of the scene's camera.
 
-    Without a camera in the scene: from beyond the middle of what is seen, to the side and above, the base behind it.
+    If the scene has no camera, it looks back at the robot from beyond the points, from one side and from above.
 
     Args:
-        seen: (P, 3) m, points that should be in the picture.
-        base: (3,) m, where the robot stands.
-        viewpoint: (3,) m, the scene's camera, or None.
+        in_picture: (P, 3) m, points that should be in the picture.
+        base: (3,) m, position of the robot's base.
+        viewpoint: (3,) m, position of the scene's camera, or None.
 
     Returns:
         (3,) position and (3,) target, m.
     """
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    low, high = in_picture.min(axis=0), in_picture.max(axis=0)
     target = (low + high) / 2
     direction = _beyond(target - base) if viewpoint is None else viewpoint - target
     diagonal = np.linalg.norm(high - low)
     away = _DISTANCE * diagonal
-    target = target - np.array(
-        [0.0, 0.0, _LOWER * diagonal]
-    )  # what stands on the table is worth more than the air above
+    # a little lower: the table and what is on it matter more than the air above
+    target = target - np.array([0.0, 0.0, _LOWER * diagonal])
     return target + away * direction / np.linalg.norm(direction), target
 
 
@@ -155,7 +155,7 @@ def map_view(density: DensityMap) -> rrb.Spatial2DView:
 
 
 def page_view(origin: str, name: str, bounds: tuple[tuple[float, float], tuple[float, float]]) -> rrb.Spatial2DView:
-    """A view of a page that shows all of it."""
+    """A view that shows the whole of a page."""
     across, down = bounds
     return rrb.Spatial2DView(
         origin=origin,

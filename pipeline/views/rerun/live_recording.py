@@ -1,4 +1,4 @@
-"""Demonstrations shown as they come in: each is replayed once, and the posteriors stand as they are after it."""
+"""Demonstrations that are shown as they arrive: each is replayed once, beside the posteriors after it."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ if TYPE_CHECKING:
     from pipeline.views.rerun.records import AlternativeSet, Replay
     from pipeline.views.task_summary import DensityMap
 
-_PAUSE_S = 0.5
+_PAUSE_S = 0.5  # between two demonstrations
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """What is known before any demonstration.
+    """What is shown before any demonstration.
 
     Attributes:
-        task: its name.
-        poses: the arm at some configurations that it goes through, at the first of which it begins.
-        alternatives: those that are drawn.
+        task: name of the task.
+        poses: the arm at configurations that it may reach; it is shown at the first.
+        alternatives: the alternatives to draw.
         map: the density over two features, without demonstrations.
         theta_labels: (K,) the hypotheses in words.
-        theta_meaning: what the numbers in the labels are.
-        priors: by model, (K,).
-        summary: Markdown.
+        theta_meaning: what the numbers in the labels mean.
+        priors: for each model, (K,) prior probabilities.
+        summary: text in Markdown.
     """
 
     task: str
@@ -57,15 +57,15 @@ class Beginning:
 
 @dataclass(frozen=True)
 class Arrival:
-    """One demonstration that has come in.
+    """A demonstration that has arrived.
 
     Attributes:
-        name: of the demonstration.
-        replay: the arm over its time, from 0.
-        path: (T, 3) m, of the end effector.
-        on_map: (n, 2) raw values of all demonstrations so far of the two features of the map.
-        posteriors: by model, (K,), after it.
-        summary: Markdown.
+        name: name of the demonstration.
+        replay: the poses of the arm over time, which starts at 0.
+        path: (T, 3) m, path of the end effector.
+        on_map: (n, 2) raw values of the map's two features for all demonstrations so far.
+        posteriors: for each model, (K,) probabilities after this demonstration.
+        summary: text in Markdown.
     """
 
     name: str
@@ -98,22 +98,22 @@ class Watched:
         self._state(beginning.priors, beginning.summary)
 
     def show(self, arrival: Arrival) -> None:
-        """Append a demonstration, and what is believed after it, and send it to whoever is connected."""
+        """Append a demonstration and the posteriors after it, and send them to all connected viewers."""
         begin_s = self._end_s + _PAUSE_S
         replay = replace(arrival.replay, time_s=arrival.replay.time_s + begin_s)
         self._end_s = float(replay.time_s[-1])
         log_bodies(self._recording, replay, self._moving)
         log_playing(self._recording, arrival.name, arrival.path, np.linspace(begin_s, self._end_s, len(arrival.path)))
         self._recording.set_time(TIMELINE, duration=self._end_s)
-        made = rr.LineStrips3D([arrival.path], radii=rr.Radius.ui_points(1.8), colors=palette.DEMONSTRATION)
-        self._recording.log(f"scene/demonstrations/{part(arrival.name)}", made)
+        path = rr.LineStrips3D([arrival.path], radii=rr.Radius.ui_points(1.8), colors=palette.DEMONSTRATION)
+        self._recording.log(f"scene/demonstrations/{part(arrival.name)}", path)
         log_map_points(
             self._recording, self._beginning.map, "demonstrations", arrival.on_map, palette.DEMONSTRATION, static=False
         )
         self._state(arrival.posteriors, arrival.summary)
 
     def remove(self, name: str, on_map: FloatArray, posteriors: Mapping[str, FloatArray], summary: str) -> None:
-        """Take a demonstration back; arguments as in `Arrival`."""
+        """Remove a demonstration; the arguments are those of `Arrival`, without that demonstration."""
         self._recording.set_time(TIMELINE, duration=self._end_s)
         self._recording.log(f"scene/demonstrations/{part(name)}", rr.Clear(recursive=False))
         log_map_points(
@@ -132,12 +132,12 @@ class Watched:
 
 @contextmanager
 def watched(path: Path, beginning: Beginning, *sinks: Any) -> Iterator[Watched]:
-    """A recording that is saved when the block ends well, and goes to Rerun sinks meanwhile.
+    """A recording that is sent to Rerun sinks at once, and saved if the block ends without an error.
 
     Args:
-        path: the `.rrd` file, whole or not at all.
+        path: the `.rrd` file, which is written whole or not at all.
         beginning: what is shown first.
-        sinks: of Rerun, such as a server.
+        sinks: Rerun sinks, such as a server.
     """
     with written_recording(path, f"{beginning.task} watched", _layout(beginning), *sinks) as recording:
         yield Watched(recording, beginning)
@@ -145,10 +145,10 @@ def watched(path: Path, beginning: Beginning, *sinks: Any) -> Iterator[Watched]:
 
 def _layout(beginning: Beginning) -> rrb.Blueprint:
     poses, paths = beginning.poses, beginning.alternatives.paths
-    seen = np.concatenate([paths.reshape(-1, 3), poses.body_positions[:, 1:].reshape(-1, 3)])
+    in_picture = np.concatenate([paths.reshape(-1, 3), poses.body_positions[:, 1:].reshape(-1, 3)])
     name = f"Posterior over {beginning.theta_meaning}, after the demonstrations so far"
     above = rrb.Horizontal(
-        scene_view(poses, seen, ()),
+        scene_view(poses, in_picture, ()),
         page_view("posterior", name, page_now(beginning.priors).bounds),
         column_shares=[10, 10],
     )

@@ -1,4 +1,4 @@
-"""The posteriors of an inspection as one chart: a row per hypothesis, a column per model."""
+"""The posteriors of an inspection as a bar chart with a row per hypothesis and a column per model."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from pipeline.arrays import FloatArray, IntArray
     from pipeline.views.rerun.records import Inspection
 
-_MOST_ROWS = 20
+_MOST_ROWS = 20  # hypotheses with a row of their own
 
 
 @dataclass(frozen=True)
 class Page:
-    """Which hypotheses have a row, and the chart they are in.
+    """The rows of the chart and its layout.
 
     Attributes:
-        order: (R,) hypotheses from the most probable down, at most 20.
-        others: how many hypotheses have no row of their own.
-        chart: its columns and scale.
+        order: (R,) the hypotheses that have a row, at most 20, from top to bottom.
+        others: number of hypotheses without a row; they share one more.
+        chart: columns and scale of the chart.
     """
 
     order: IntArray
@@ -37,17 +37,17 @@ class Page:
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Horizontal and vertical extent."""
+        """Horizontal and vertical extent of the page."""
         return self.chart.bounds(len(self.order) + (self.others > 0))
 
     def row_values(self, posterior: FloatArray) -> FloatArray:
-        """(R,) or, with hypotheses left over, (R + 1,): the last is what they have together."""
-        own = posterior[self.order]
-        return np.append(own, max(0.0, 1.0 - own.sum())) if self.others else own
+        """(R,) probabilities of the rows; (R + 1,) with that of all other hypotheses, if there are any."""
+        values = posterior[self.order]
+        return np.append(values, max(0.0, 1.0 - values.sum())) if self.others else values
 
 
 def page(inspection: Inspection) -> Page:
-    """Lay the chart out; hypotheses are ordered by the highest final probability that any model gives them."""
+    """Lay out the chart. Hypotheses are sorted by the largest final probability that any model gives them."""
     highest = np.max([posterior[-1] for posterior in inspection.posteriors.values()], axis=0)
     order = np.argsort(-highest, kind="stable")[:_MOST_ROWS]
     longest = max(float(posterior.max()) for posterior in inspection.posteriors.values())
@@ -56,10 +56,10 @@ def page(inspection: Inspection) -> Page:
 
 
 def page_now(posteriors: Mapping[str, FloatArray]) -> Page:
-    """Lay out a chart whose end is not known: all hypotheses in their order, or of many the most probable now.
+    """Lay out a chart whose final posteriors are not known yet: the 20 most probable hypotheses in their order.
 
     Args:
-        posteriors: (K,) by model.
+        posteriors: for each model, (K,) probabilities.
     """
     highest = np.max(list(posteriors.values()), axis=0)
     order = np.sort(np.argsort(-highest, kind="stable")[:_MOST_ROWS])
@@ -67,7 +67,7 @@ def page_now(posteriors: Mapping[str, FloatArray]) -> Page:
 
 
 def log_now(recording: rr.RecordingStream, labels: Sequence[str], posteriors: Mapping[str, FloatArray]) -> None:
-    """Log the chart of the posteriors as they are at the recording's time; arguments as in `page_now`."""
+    """Log the chart of these posteriors at the recording's present time; arguments as in `page_now`."""
     layout = page_now(posteriors)
     rows = [labels[k] for k in layout.order] + [f"the other {layout.others} together"] * (layout.others > 0)
     log_frame(recording, layout.chart, rows, static=False)

@@ -1,7 +1,7 @@
-"""One task as a recording for the Rerun viewer: the arm replaying, the paths, the densities, the posteriors, the numbers.
+"""One task as a recording for the Rerun viewer: the replay of the arm, paths, densities, posteriors and numbers.
 
-The recording is a picture of what the tables hold; Parquet stays the source of truth (Rerun promises to read a `.rrd`
-only one version on). Written twice from the same inspection, `rerun rrd compare` finds the two files equal.
+The recording is a picture of the tables, which remain the source of truth: Rerun promises to read a `.rrd` file in the
+next version only. Two files that are written from the same inspection are equal by `rerun rrd compare`.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
     from pipeline.views.rerun.records import Inspection
 
-_UNREACHABLE = "http://127.0.0.1:9"
-SPACE = 40_000_000  # bytes that must be free for a recording, which stays under half of that
+_UNREACHABLE = "http://127.0.0.1:9"  # a proxy address at which nothing listens
+SPACE = 40_000_000  # bytes that must be free for a recording, which is smaller than half of that
 
 
 def write_inspection(path: Path, inspection: Inspection) -> None:
-    """Write the recording with its layout inside, whole or not at all.
+    """Write the recording with its layout, whole or not at all.
 
     Args:
         path: `datasets/<task>/inspect.rrd`.
-        inspection: what to show.
+        inspection: what the recording shows.
     """
     from pipeline.views.rerun.layout import layout
 
@@ -42,7 +42,7 @@ def write_inspection(path: Path, inspection: Inspection) -> None:
 
 
 def log_inspection(recording: RecordingStream, inspection: Inspection) -> None:
-    """Log all of an inspection but its layout."""
+    """Log all of an inspection except its layout."""
     import rerun as rr
 
     from pipeline.views.rerun.density import log_densities, log_summary
@@ -64,34 +64,34 @@ def log_inspection(recording: RecordingStream, inspection: Inspection) -> None:
 
 @contextmanager
 def written_recording(path: Path, name: str, layout: Blueprint, *others: Any) -> Iterator[RecordingStream]:
-    """A recording that takes the place of `path` only once it is complete; what cannot be shown is an error.
+    """A recording that replaces the file `path` when it is complete. Data that cannot be shown are an error.
 
     Args:
         path: the `.rrd` file.
-        name: of the recording, always the same for the same thing.
-        layout: what opens with it.
-        others: Rerun sinks that get the same.
+        name: name of the recording, which identifies what it shows.
+        layout: the layout with which it opens.
+        others: further Rerun sinks for the same recording.
     """
     import rerun as rr
 
     with path_written_whole(path) as partial:
         partial.touch()
-        require_space(path, SPACE)  # Rerun waits for ever when the disk is full
+        require_space(path, SPACE)  # if the disk is full, Rerun waits forever
         with recorded_to(name, layout, rr.FileSink(partial), *others) as recording:
             yield recording
 
 
 @contextmanager
 def recorded_to(name: str, layout: Blueprint, *sinks: Any) -> Iterator[RecordingStream]:
-    """A recording that goes to Rerun sinks; arguments as in `written_recording`."""
+    """A recording that is sent to Rerun sinks; arguments as in `written_recording`."""
     import rerun as rr
 
-    # one chunk per call, cut by nothing that depends on time or speed: equal inspections give equal contents
+    # one chunk per call, because chunks that depend on time would make the contents of equal inspections differ
     whole = rr.ChunkBatcherConfig(flush_tick=1e6, flush_num_bytes=1 << 40, flush_num_rows=1 << 40)
     recording = rr.RecordingStream(f"lessbench {name}", recording_id=name, send_properties=False, batcher_config=whole)
     strict = rr.strict_mode()
     try:
-        rr.set_strict_mode(True)  # otherwise data that cannot be shown is left out with a warning
+        rr.set_strict_mode(True)  # otherwise data that cannot be shown are left out with a warning
         recording.set_log_time_enabled(False)
         recording.set_sinks(*sinks, default_blueprint=layout)
         yield recording
@@ -104,7 +104,7 @@ def recorded_to(name: str, layout: Blueprint, *sinks: Any) -> Iterator[Recording
 def open_viewer(path: Path) -> None:
     """Show a recording in the Rerun viewer and wait until its window is closed.
 
-    The viewer listens on the loopback address only, on a port of its own; analytics and the update check are off.
+    The viewer listens on the loopback address only, on any free port. Its analytics and update check are off.
 
     Raises:
         StageError: there is no such recording, no display to show it on, or the viewer failed.
@@ -113,8 +113,8 @@ def open_viewer(path: Path) -> None:
         raise StageError(f"{path} does not exist; `dvc repro` or `lessbench inspect TASK` writes it.")
     if not has_display():
         raise StageError(
-            f"there is no display here (DISPLAY and WAYLAND_DISPLAY are not set); copy {path} to a machine that has one "
-            f"and run `rerun {path.name}` there (pip install rerun-sdk)."
+            f"there is no display here (DISPLAY and WAYLAND_DISPLAY are not set); copy {path} to a machine that has "
+            f"one and run `rerun {path.name}` there (pip install rerun-sdk)."
         )
     with subprocess.Popen([*viewer_command(), str(path)], env=quiet_environment()) as process:  # noqa: S603
         try:
@@ -133,11 +133,14 @@ def has_display() -> bool:
 
 
 def viewer_command() -> list[str]:
-    """The viewer itself, not the Python script `rerun` in front of it, which leaves it behind when it is stopped."""
+    """The command that starts the viewer.
+
+    It is the binary itself, because the Python script `rerun` leaves the viewer running when it is stopped.
+    """
     binary = Path(str(files("rerun_cli"))) / ("rerun.exe" if sys.platform == "win32" else "rerun")
     return [str(binary), "--bind", "127.0.0.1", "--port", "auto", "--hide-welcome-screen"]
 
 
 def quiet_environment() -> dict[str, str]:
-    """The environment in which the viewer sends nothing anywhere: no analytics, no look for a newer version."""
+    """The environment in which the viewer sends nothing: no analytics, no check for a newer version."""
     return os.environ | {"CI": "true", "HTTPS_PROXY": _UNREACHABLE}

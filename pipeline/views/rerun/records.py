@@ -1,4 +1,4 @@
-"""What the recording of a task shows: records that its writers read and nothing else."""
+"""Records of everything that the recording of a task shows; its writers read nothing else."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ TIMELINE = "replay"
 
 @dataclass(frozen=True)
 class Replay:
-    """The demonstrations played one after another.
+    """The demonstrations, played one after another.
 
     Attributes:
         geometry: the shapes of the arm and its scene.
-        body_positions: (M, B, 3) m, world frame, bodies as in the geometry.
-        body_quaternions: (M, B, 4) wxyz, world frame.
-        time_s: (M,) strictly increasing.
-        demonstration: (M,) row of the demonstration that each sample belongs to, 0..n-1, none skipped.
+        body_positions: (M, B, 3) m, in the world frame, in the order of the geometry's bodies.
+        body_quaternions: (M, B, 4) wxyz, in the world frame.
+        time_s: (M,) s, strictly increasing.
+        demonstration: (M,) row of the demonstration that each sample belongs to; each of 0 to n - 1 occurs.
     """
 
     geometry: Geometry
@@ -42,14 +42,14 @@ class Replay:
 
 @dataclass(frozen=True)
 class AlternativeSet:
-    """Paths of one set of alternatives; in the viewer's tree a branch per part of its name, a leaf per sampler.
+    """The paths of a set of alternatives. The viewer's tree has a branch per part of its name and a leaf per sampler.
 
     Attributes:
-        name: the branches down to the set: `("working",)`, `("sets of 100", "set 03")`.
-        samplers: (A,) which sampler drew each.
-        paths: (A, T', 3) m, of the end effector in the world's frame.
-        log_weights: (A,) LESS's log weight of each in its set.
-        shown: whether it is to be seen before anybody selects it.
+        name: the branches that lead to the set, such as `("working",)` or `("sets of 100", "set 03")`.
+        samplers: (A,) name of the sampler that drew each path.
+        paths: (A, T', 3) m, paths of the end effector in the world frame.
+        log_weights: (A,) log weight of each alternative under LESS, in its set.
+        shown: whether it is visible before the user selects it.
     """
 
     name: tuple[str, ...]
@@ -66,7 +66,7 @@ class AlternativeSet:
 
     @property
     def label(self) -> str:
-        """The name in one piece."""
+        """The parts of the name, joined by commas."""
         return ", ".join(self.name)
 
 
@@ -75,11 +75,11 @@ class FeatureSpace:
     """Alternatives and demonstrations as points along three features.
 
     Attributes:
-        features: names of the three.
-        units: theirs.
-        alternatives: (N, 3) raw values.
-        log_weights: (N,) LESS's log weight of each.
-        demonstrations: (n, 3) raw values.
+        features: names of the three features.
+        units: their units.
+        alternatives: (N, 3) raw values of the alternatives.
+        log_weights: (N,) log weight of each alternative under LESS.
+        demonstrations: (n, 3) raw values of the demonstrations.
     """
 
     features: tuple[str, str, str]
@@ -95,22 +95,22 @@ class FeatureSpace:
 
 @dataclass(frozen=True)
 class Inspection:
-    """Everything that the recording of one task shows; nothing in it is computed here.
+    """Everything that the recording of one task shows.
 
     Attributes:
-        task: its name.
-        replay: the arm over time.
-        demonstration_ids: (n,) in the order of the replay.
-        demonstration_paths: (n, T, 3) m, of the end effector in the world's frame.
-        alternatives: at least one set, of as many alternatives as are to be drawn (150 of a set are plenty).
-        curves: at least one; the first is shown first.
+        task: name of the task.
+        replay: the poses of the arm over time.
+        demonstration_ids: (n,) names of the demonstrations, in the order of the replay.
+        demonstration_paths: (n, T, 3) m, paths of the end effector in the world frame.
+        alternatives: at least one set, each with the alternatives to draw; 150 of a set are plenty.
+        curves: at least one density along a feature; the first is shown first.
         map: the density over two features.
-        space: points along three features; None where there are fewer.
+        space: points along three features; None if there are fewer features.
         theta_labels: (K,) the hypotheses in words.
-        theta_meaning: what the numbers in the labels are.
-        posteriors: by model, (n + 1, K): row k after the first k demonstrations, row 0 the prior; each sums to one.
-        robustness: rows of `robustness_summary` that are to be drawn, or None if that study was not run.
-        summary: Markdown: the task, the numbers and where they came from.
+        theta_meaning: what the numbers in the labels mean.
+        posteriors: for each model, (n + 1, K) probabilities: row k is the posterior after the first k demonstrations.
+        robustness: rows of `robustness_summary` to draw, or None if the study was not run.
+        summary: text in Markdown: the task, its numbers and where they came from.
     """
 
     task: str
@@ -134,7 +134,8 @@ class Inspection:
         samples = len(replay.time_s)
         if not self.curves or not self.posteriors or not self.alternatives or n == 0:
             raise ArgumentError(
-                "an inspection needs at least one demonstration, one set of alternatives, one density curve and one model."
+                "an inspection needs at least one demonstration, one set of alternatives, one density curve and one "
+                "model."
             )
         _check_shape("demonstration_paths", self.demonstration_paths, (n, None, 3))
         _check_shape("replay.body_positions", replay.body_positions, (samples, bodies, 3))
@@ -148,14 +149,14 @@ class Inspection:
 
     @property
     def end_s(self) -> FloatArray:
-        """(n,) when each demonstration has been played."""
+        """(n,) s, times at which each demonstration ends."""
         return np.array(
             [self.replay.time_s[self.replay.demonstration == i][-1] for i in range(len(self.demonstration_ids))]
         )
 
     @property
     def start_s(self) -> FloatArray:
-        """(n,) when each demonstration begins to play."""
+        """(n,) s, times at which each demonstration begins."""
         return np.array(
             [self.replay.time_s[self.replay.demonstration == i][0] for i in range(len(self.demonstration_ids))]
         )

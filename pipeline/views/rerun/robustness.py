@@ -1,4 +1,4 @@
-"""KLAggregate against the size of the sets, a panel per way of sampling, a line per model, on logarithmic axes."""
+"""KLAggregate against the size of the sets on logarithmic axes, with a panel per regime and a line per model."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ if TYPE_CHECKING:
 
     Bounds = tuple[tuple[float, float], tuple[float, float]]
 
-_WIDTH, _HEIGHT, _GAP, _LEFT = 100.0, 130.0, 16.0, 30.0
+_WIDTH, _HEIGHT, _GAP, _LEFT = 100.0, 130.0, 16.0, 30.0  # of a panel, between panels, left of the first; page units
 _LINE, _HAIR, _DOT = (rr.Radius.ui_points(points) for points in (1.4, 0.4, 3.5))
-# the viewer hangs a label below its point
-_LABEL_DROP = 7.0
+_LABEL_DROP = 7.0  # distance at which the viewer draws a label below its point
 
 
 def spread_bounds(robustness: pl.DataFrame) -> Bounds:
-    """What the view of the chart shows, horizontally and vertically."""
+    """Horizontal and vertical extent of the chart's view."""
     panels = robustness["regime"].n_unique()
     return (-_LEFT, panels * (_WIDTH + _GAP)), (-38.0, _HEIGHT + 26.0)
 
@@ -33,12 +32,12 @@ def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
     """Log the chart under `/robustness`.
 
     Args:
-        recording: where to.
-        robustness: rows of `robustness_summary` of one kind of demonstrations.
+        recording: the recording that is logged to.
+        robustness: rows of the table `robustness_summary` for one kind of demonstrations.
     """
-    ranged = robustness.drop_nulls(["low", "high"]).filter(pl.col("low") > 0)
-    every = pl.concat([robustness["value"], ranged["low"], ranged["high"]])
-    marks = decades(float(every.min()), float(every.max()))  # type: ignore[arg-type]
+    with_interval = robustness.drop_nulls(["low", "high"]).filter(pl.col("low") > 0)
+    values = pl.concat([robustness["value"], with_interval["low"], with_interval["high"]])
+    marks = decades(float(values.min()), float(values.max()))  # type: ignore[arg-type]
     low, high = np.log10(marks[0]), np.log10(marks[-1])
     sizes = robustness["set_size"].unique().sort().to_numpy()
     first, span = np.log10(sizes[0]), max(1e-9, np.log10(sizes[-1] / sizes[0]))
@@ -61,10 +60,10 @@ def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
             recording.log(f"{entity}/{part(model)}", line, static=True)
             dots = rr.Points2D(np.stack([x, y], axis=1), radii=_DOT, colors=color, draw_order=3.0)
             recording.log(f"{entity}/{part(model)}/points", dots, static=True)
-            mine = ranged.filter(regime=regime, model=model)
-            at = across(mine["set_size"].to_numpy(), panel)
-            ends_up = np.stack([up(mine["low"].to_numpy()), up(mine["high"].to_numpy())], axis=1)
-            bars = np.stack([np.repeat(at[:, None], 2, axis=1), ends_up], axis=2)
+            intervals = with_interval.filter(regime=regime, model=model)
+            x = across(intervals["set_size"].to_numpy(), panel)
+            y_ends = np.stack([up(intervals["low"].to_numpy()), up(intervals["high"].to_numpy())], axis=1)
+            bars = np.stack([np.repeat(x[:, None], 2, axis=1), y_ends], axis=2)
             strips = rr.LineStrips2D(list(bars), radii=_LINE, colors=color, draw_order=2.0)
             recording.log(f"{entity}/{part(model)}/intervals", strips, static=True)
         rules = [[(left, y), (left + _WIDTH, y)] for y in up(marks)]
@@ -73,15 +72,15 @@ def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
         log_labels(recording, f"{entity}/sizes", numbers, [f"{size:g}" for size in sizes])
         title = [(left + _WIDTH / 2, -_LABEL_DROP - 11.0)]
         log_labels(recording, f"{entity}/title", title, [REGIMES.get(regime, regime)])
-    left_of = np.stack([np.full(marks.size, -0.5 * _LEFT), up(marks) - 0.5 * _LABEL_DROP], axis=1)
-    log_labels(recording, "robustness/numbers", left_of, [f"{mark:g}" for mark in marks])
-    named = [(0.25 * _WIDTH + 0.9 * _WIDTH * place, -_LABEL_DROP - 29.0) for place in range(len(models))]
+    positions = np.stack([np.full(marks.size, -0.5 * _LEFT), up(marks) - 0.5 * _LABEL_DROP], axis=1)
+    log_labels(recording, "robustness/numbers", positions, [f"{mark:g}" for mark in marks])
+    legend = [(0.25 * _WIDTH + 0.9 * _WIDTH * column, -_LABEL_DROP - 29.0) for column in range(len(models))]
     colors = [palette.model_color(model, models) for model in models]
-    log_labels(recording, "robustness/legend", named, [model_name(m) for m in models], colors=colors)
+    log_labels(recording, "robustness/legend", legend, [model_name(m) for m in models], colors=colors)
 
 
 def decades(low: float, high: float) -> FloatArray:
-    """1, 3, 10, 30 and so on, from the last at or below `low` to the first at or above `high`, both positive."""
+    """The numbers 1, 3, 10, 30 and so on, from the last one <= `low` to the first one >= `high`; both are positive."""
     steps = np.array([1.0, 3.0])
     powers = np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
     marks = np.sort(np.outer(10.0**powers, steps).ravel())

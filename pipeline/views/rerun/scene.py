@@ -1,4 +1,4 @@
-"""The scene of an inspection in Rerun's terms: shapes once, bodies over time, paths."""
+"""Logs the scene of an inspection to Rerun: the shapes, the bodies over time, and the paths."""
 
 from __future__ import annotations
 
@@ -16,9 +16,8 @@ if TYPE_CHECKING:
     from pipeline.replay.geometry import Geometry, Shape
     from pipeline.views.rerun.records import AlternativeSet, Inspection, Replay
 
-_ENDLESS_M = 2.0
-# a black arm would be a hole in a dark room
-_DARKEST = 0.3
+_ENDLESS_M = 2.0  # half size with which an infinite plane is drawn
+_DARKEST = 0.3  # least value of each colour channel: a black arm would look like a hole in a dark room
 _PLANE_HALF_THICKNESS_M = 0.0005
 _THIN, _MEDIUM, _THICK, _DOT = (rr.Radius.ui_points(points) for points in (0.45, 1.8, 2.6, 4.0))
 
@@ -40,7 +39,7 @@ def log_scene(recording: rr.RecordingStream, inspection: Inspection) -> None:
 
 
 def log_shapes(recording: rr.RecordingStream, geometry: Geometry) -> None:
-    """Log every solid once, in the frame of its body."""
+    """Log every shape once, in the frame of its body."""
     recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     bodies = body_entities(geometry.body_names)
     for shape in geometry.shapes:
@@ -48,14 +47,14 @@ def log_shapes(recording: rr.RecordingStream, geometry: Geometry) -> None:
 
 
 def moving_bodies(replay: Replay) -> frozenset[int]:
-    """Bodies that are not where they began at some time of the replay."""
+    """Indices of the bodies that move during the replay."""
     positions, quaternions = replay.body_positions, replay.body_quaternions
     moved = (positions != positions[0]).any(axis=(0, 2)) | (quaternions != quaternions[0]).any(axis=(0, 2))
     return frozenset(np.flatnonzero(moved).tolist())
 
 
 def log_bodies(recording: rr.RecordingStream, replay: Replay, moving: frozenset[int]) -> None:
-    """Log where each body with a shape is: those that move as columns over time, the others once."""
+    """Log the pose of each body that has a shape: over time if it moves, else once."""
     bodies = body_entities(replay.geometry.body_names)
     for body in sorted({shape.body for shape in replay.geometry.shapes}):
         positions, xyzw = replay.body_positions[:, body], np.roll(replay.body_quaternions[:, body], -1, axis=1)
@@ -71,33 +70,33 @@ def log_bodies(recording: rr.RecordingStream, replay: Replay, moving: frozenset[
 
 
 def log_alternatives(recording: rr.RecordingStream, alternatives: AlternativeSet) -> None:
-    """Log the paths of a set, an entity per sampler, coloured by their LESS weight in the set."""
+    """Log the paths of a set, with an entity per sampler, coloured by their LESS weight in the set."""
     weights = alternatives.log_weights
     if not weights.size:
         return
     samplers = np.array(alternatives.samplers)
     colors = palette.path_colors(weights, float(weights.min()), float(weights.max()))
     for sampler in dict.fromkeys(alternatives.samplers):
-        mine = np.flatnonzero(samplers == sampler)
-        # dense first: the rare ones, which LESS counts most, are drawn last and stay visible
-        mine = mine[np.argsort(weights[mine], kind="stable")]
-        strips = rr.LineStrips3D(list(alternatives.paths[mine]), radii=_THIN, colors=colors[mine])
+        rows = np.flatnonzero(samplers == sampler)
+        # by ascending weight, so that paths with large weights are drawn last and stay visible
+        rows = rows[np.argsort(weights[rows], kind="stable")]
+        strips = rr.LineStrips3D(list(alternatives.paths[rows]), radii=_THIN, colors=colors[rows])
         recording.log(f"{alternatives_entity(alternatives.name)}/{part(sampler)}", strips, static=True)
 
 
 def alternatives_entity(name: tuple[str, ...]) -> str:
-    """Where a set of alternatives, or a branch of them, is logged."""
+    """The entity under which a set of alternatives, or a branch of sets, is logged."""
     return "/".join(["scene/alternatives", *(part(branch) for branch in name)])
 
 
 def log_playing(recording: rr.RecordingStream, name: str, path: FloatArray, time_s: FloatArray) -> None:
-    """Log a demonstration's path as it is drawn, and its name at the hand.
+    """Log the path of a demonstration, growing over time, with its name at the end effector.
 
     Args:
-        recording: where to.
-        name: of the demonstration.
-        path: (T, 3) m, of the end effector.
-        time_s: (T,) when it is at each point.
+        recording: the recording that is logged to.
+        name: name of the demonstration.
+        path: (T, 3) m, path of the end effector.
+        time_s: (T,) s, time at each point.
     """
     recording.set_time(TIMELINE, duration=time_s[0])
     recording.log("scene/playing", rr.LineStrips3D.from_fields(radii=_THICK, colors=palette.WHITE))
@@ -111,7 +110,7 @@ def log_playing(recording: rr.RecordingStream, name: str, path: FloatArray, time
 
 
 def body_entities(names: tuple[str, ...]) -> list[str]:
-    """Where each body is logged."""
+    """The entities under which the bodies are logged."""
     return [f"scene/bodies/{part(name)}" for name in names]
 
 
@@ -119,25 +118,26 @@ def solid(shape: Shape) -> Any:
     """A shape as the Rerun archetype of its kind, in the frame of its body."""
     rotation = rr.Quaternion(xyzw=np.roll(shape.quaternion, -1))
     color = np.rint(255 * np.maximum(shape.rgba, _DARKEST)).astype(np.uint8)
-    at: dict[str, Any] = {"quaternions": [rotation], "colors": [color]}
-    filled: dict[str, Any] = {"fill_mode": rr.components.FillMode.Solid}
+    common: dict[str, Any] = {
+        "quaternions": [rotation], "colors": [color], "fill_mode": rr.components.FillMode.Solid,
+    }  # fmt: skip
     size = shape.size
     if shape.kind == "mesh":
         return _mesh(shape, color)
     if shape.kind == "capsule":
-        # MuJoCo centres a capsule, Rerun starts it at the lower cap's centre
+        # MuJoCo places a capsule by its centre, Rerun by the centre of its lower cap
         foot = shape.position + _rotate(shape.quaternion, np.array([0.0, 0.0, -size[1]]))
-        return rr.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[foot], **at, **filled)
+        return rr.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[foot], **common)
     if shape.kind == "cylinder":
-        return rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], centers=[shape.position], **at, **filled)
+        return rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], centers=[shape.position], **common)
     if shape.kind in ("sphere", "ellipsoid"):
         half = np.full(3, size[0]) if shape.kind == "sphere" else size
-        return rr.Ellipsoids3D(half_sizes=[half], centers=[shape.position], **at, **filled)
+        return rr.Ellipsoids3D(half_sizes=[half], centers=[shape.position], **common)
     half = size
     if shape.kind == "plane":
-        at["colors"] = [palette.GROUND]  # thin bright paths would be lost in front of a bright floor
+        common["colors"] = [palette.GROUND]  # thin bright paths would be hard to see in front of a bright floor
         half = np.append(np.where(size[:2] > 0, size[:2], _ENDLESS_M), _PLANE_HALF_THICKNESS_M)
-    return rr.Boxes3D(half_sizes=[half], centers=[shape.position], **at, **filled)
+    return rr.Boxes3D(half_sizes=[half], centers=[shape.position], **common)
 
 
 def _mesh(shape: Shape, color: Any) -> rr.Mesh3D:

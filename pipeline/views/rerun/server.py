@@ -1,4 +1,4 @@
-"""A recording served to Rerun viewers while it is being made: they may come, go and come back as they like."""
+"""Serving a recording to Rerun viewers while it is being made; they may connect and disconnect at any time."""
 
 from __future__ import annotations
 
@@ -20,18 +20,17 @@ if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
 
 LOOPBACK, PORT = "127.0.0.1", 9876
-# of what was sent, for viewers that come later; a recording is below 20 MB
-_MEMORY = "256MB"
-_START_S = 10.0
+_MEMORY = "256MB"  # of sent data that are kept for viewers that connect later; a recording is below 20 MB
+_START_S = 10.0  # how long a server may take to start
 
 
 @dataclass(frozen=True)
 class Address:
-    """Where viewers find a recording.
+    """The address at which a recording is served.
 
     Attributes:
-        bind: an address of this machine.
-        port: 1..65535.
+        bind: an IP address of this machine.
+        port: 1 to 65535.
     """
 
     bind: str
@@ -39,7 +38,7 @@ class Address:
 
     @property
     def uri(self) -> str:
-        """What a viewer on this machine is to be given."""
+        """The address in the form that a viewer on this machine takes."""
         host = {"0.0.0.0": LOOPBACK, "::": "[::1]"}.get(self.bind, self.bind)  # noqa: S104
         return f"rerun+http://{f'[{host}]' if ':' in host.strip('[]') and host[0] != '[' else host}:{self.port}/proxy"
 
@@ -50,14 +49,14 @@ class Address:
 
 
 def claim(bind: str = LOOPBACK, port: int = PORT) -> Address:
-    """An address at which nobody listens yet.
+    """Check that the address is free, and choose a port if none is given.
 
     Args:
         bind: an IP address of this machine, or `localhost`.
-        port: 0 for any that is free.
+        port: 1 to 65535, or 0 for any that is free.
 
     Raises:
-        StageError: it is no address of this machine, or the port is in use.
+        StageError: `bind` is not an address of this machine, or the port is in use.
     """
     bind = LOOPBACK if bind == "localhost" else bind
     try:
@@ -80,7 +79,7 @@ def claim(bind: str = LOOPBACK, port: int = PORT) -> Address:
 
 
 def server(address: Address) -> Any:
-    """The Rerun sink that listens there."""
+    """The Rerun sink that serves at this address."""
     import rerun as rr
 
     return rr.GrpcServerSink(bind_ip=address.bind, port=address.port, server_memory_limit=_MEMORY)
@@ -90,7 +89,7 @@ def require_listening(address: Address) -> None:
     """Wait until viewers can connect.
 
     Raises:
-        StageError: they cannot within ten seconds.
+        StageError: viewers cannot connect after ten seconds.
     """
     uri_host = address.uri.removeprefix("rerun+http://").rpartition(":")[0].strip("[]")
     deadline = time.monotonic() + _START_S
@@ -108,9 +107,9 @@ def served(name: str, layout: Blueprint, address: Address) -> Iterator[Recording
     """A recording that is served until the block is left.
 
     Args:
-        name: of the recording.
-        layout: what opens with it.
-        address: where.
+        name: name of the recording.
+        layout: the layout with which it opens.
+        address: the address at which it is served.
 
     Raises:
         StageError: the address cannot be served.
@@ -121,10 +120,10 @@ def served(name: str, layout: Blueprint, address: Address) -> Iterator[Recording
 
 
 def open_beside(address: Address) -> str | None:
-    """Open a viewer of what is served, in a window of its own that stays when this program ends.
+    """Open a viewer of the served recording; its window stays open when this program ends.
 
     Returns:
-        Why there is none, or None if there is.
+        None if a viewer was opened, else the reason why not.
     """
     if not has_display():
         return "there is no display here (DISPLAY and WAYLAND_DISPLAY are not set)"

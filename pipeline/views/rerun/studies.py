@@ -1,4 +1,4 @@
-"""The paper's studies as one recording for the Rerun viewer: choices, inference in the grid world, and why it differs."""
+"""The paper's studies as a recording for the Rerun viewer: human choices, and inference in the grid world."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 
 from pipeline.studies.grid_world.trials import THETAS
 from pipeline.views import palette
-from pipeline.views.intervals import near_or_far
+from pipeline.views.intervals import near_or_far, path_shifts
 from pipeline.views.rerun.bar_chart import BarChart, log_bars, log_frame, log_lines
 from pipeline.views.rerun.density import curve_bounds, curve_entity, log_curve, log_map, map_bounds
 from pipeline.views.rerun.labels import drawable, log_labels
@@ -33,13 +33,13 @@ PEOPLE = {
     LESS_HIDDEN: model_name(LESS_HIDDEN),
     LESS_HIDDEN_OWN_BANDWIDTH: model_name(LESS_HIDDEN_OWN_BANDWIDTH),
 }
-_APART = 0.22  # cells between paths that share a step
+_APART = 0.22  # largest distance between neighbouring paths, in cells
 _GRID, _PATH = rr.Radius.ui_points(0.4), rr.Radius.ui_points(1.2)
 
 
 @dataclass(frozen=True, eq=False)
 class StudyTables:
-    """What the recording shows.
+    """The tables that the recording shows.
 
     Attributes:
         predictions: the table `human_choice_predictions`.
@@ -49,8 +49,8 @@ class StudyTables:
         density_1d: the table `grid_world_density_1d`.
         density_2d: the table `grid_world_density_2d`.
         objects: cells of the grid world's objects.
-        size: its cells per side.
-        text: Markdown: the hypotheses and the numbers.
+        size: number of cells per side.
+        text: the hypotheses and their numbers, in Markdown.
     """
 
     predictions: pl.DataFrame
@@ -65,13 +65,13 @@ class StudyTables:
 
 
 def write_studies(path: Path, tables: StudyTables) -> None:
-    """Write the recording with its layout inside, whole or not at all."""
+    """Write the recording with its layout, whole or not at all."""
     with written_recording(path, STUDIES, studies_layout(tables)) as recording:
         log_studies(recording, tables)
 
 
 def log_studies(recording: rr.RecordingStream, tables: StudyTables) -> None:
-    """Log all of the studies but their layout."""
+    """Log all of the studies except their layout."""
     _log_choices(recording, tables.predictions)
     for people in PEOPLE:
         _log_true_posterior(recording, tables.summary, people)
@@ -186,7 +186,7 @@ def _wishes() -> list[str]:
 
 
 def _log_grid(recording: rr.RecordingStream, tables: StudyTables, name: str) -> None:
-    """Cells run right and, as the page's rows run down, up from the bottom."""
+    """Log the grid of a set with its paths. Rows of a page run downwards, so y is counted from the bottom."""
     entity, size = f"sets/{name}/grid", tables.size
     paths = tables.paths.filter(set=name)
     edges = np.arange(size + 1) - 0.5
@@ -196,11 +196,9 @@ def _log_grid(recording: rr.RecordingStream, tables: StudyTables, name: str) -> 
     recording.log(
         f"{entity}/lines", rr.LineStrips2D(rules, radii=_GRID, colors=palette.GROUND, draw_order=0.0), static=True
     )
-    # shortest paths only go right and up, so a shift right and down tells apart all that share a step
-    shifts = min(_APART, 0.8 / paths.height) * (np.arange(paths.height) - (paths.height - 1) / 2)
     strips = [
         np.stack([x.to_numpy() + shift, size - 1 - y.to_numpy() + shift], axis=1)
-        for shift, x, y in zip(shifts, paths["x"], paths["y"], strict=True)
+        for shift, x, y in zip(path_shifts(paths.height, _APART), paths["x"], paths["y"], strict=True)
     ]
     lines = rr.LineStrips2D(strips, radii=_PATH, colors=palette.SETS[name], draw_order=1.0)
     recording.log(f"{entity}/demonstrations", lines, static=True)
@@ -212,12 +210,12 @@ def _log_grid(recording: rr.RecordingStream, tables: StudyTables, name: str) -> 
 
 
 def _of_sets(paths: pl.DataFrame, *columns: str) -> dict[str, tuple[FloatArray, palette.RGB]]:
-    """(n,) or, of two columns, (n, 2) values of each set."""
-    found = {}
+    """The values of each set with its colour: (n,) for one column, (n, 2) for two."""
+    marks = {}
     for name, symbol in SET_NAMES.items():
         values = paths.filter(set=name).select(columns).to_numpy()
-        found[symbol] = (values if len(columns) > 1 else values[:, 0], palette.SETS[name])
-    return found
+        marks[symbol] = (values if len(columns) > 1 else values[:, 0], palette.SETS[name])
+    return marks
 
 
 def _curve(tables: StudyTables, feature: int) -> DensityCurve:

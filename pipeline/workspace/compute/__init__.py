@@ -1,1 +1,1 @@
-"""What computes the parts of a set: this machine's cores or a Dask cluster."""
+"""Computing a set part by part, on the cores of this machine or on a Dask cluster."""

@@ -1,4 +1,4 @@
-"""The parts of folds on a Dask cluster: begun, merged where they are, begun again where a worker is lost."""
+"""Runs parts on a Dask cluster. Results are merged on the workers, and the calls of a lost worker are run again."""
 
 from __future__ import annotations
 
@@ -15,55 +15,55 @@ from typing import Any, TypeAlias
 
 from pipeline.errors import StageError
 
-RETRIES = 3  # of a part that fails, and workers that may be lost with it
-_PATIENCE_S = 15  # for a scheduler to answer
-_STARTING_S = 300  # for a first worker to come, or another once all are lost, a batch system's queue permitting
-_LOOK_S = 10.0  # between looks whether there still are workers
+RETRIES = 3  # how often a part that fails is run again, and how many workers may be lost with it
+_PATIENCE_S = 15  # how long a scheduler may take to answer
+_STARTING_S = 300  # how long to wait for a first worker, or for another when all are lost: batch systems have queues
+_LOOK_S = 10.0  # between checks whether there still are workers
 
 
 @dataclass(frozen=True)
 class Remote:
-    """A call on a cluster. A worker that is lost is no error: another one begins its calls again.
+    """A call on a cluster. A lost worker is no error, because another one runs its calls again.
 
     Attributes:
-        call: future of `distributed`.
-        scheduler: of the cluster.
+        call: the future of `distributed`.
+        scheduler: address of the cluster's scheduler.
     """
 
     call: Any
     scheduler: str
 
     def wait(self) -> None:
-        """Until the result is on some worker.
+        """Wait until a worker has computed the result.
 
         Raises:
-            StageError: the cluster has given up, or no worker has come for too long.
+            StageError: the cluster has given up, or has had no worker for too long.
         """
         with self._given_up():
-            self._arrived()
+            self._wait_for_cluster()
             if self.call.status != "finished":
                 self.call.result()
 
     def result(self) -> Any:
-        """Wait for the result and bring it here.
+        """Wait for the result and bring it to this machine.
 
         Raises:
-            StageError: as `wait`.
+            StageError: the cluster has given up, or has had no worker for too long.
         """
         with self._given_up():
-            self._arrived()
+            self._wait_for_cluster()
             return self.call.result()
 
-    def _arrived(self) -> None:
-        """Look from time to time whether there still are workers.
+    def _wait_for_cluster(self) -> None:
+        """Wait until the call is done, and check from time to time whether there still are workers.
 
-        What `distributed` offers with a timeout counts the transfer of a result too, and fails at random near its end.
+        The timeouts of `distributed` are no help: they include the transfer of the result, and may fail near its end.
         """
         deserted = None
         while not self.call.done():
-            there = threading.Event()
-            self.call.add_done_callback(lambda _, there=there: there.set())
-            if there.wait(_LOOK_S):
+            done = threading.Event()
+            self.call.add_done_callback(lambda _, done=done: done.set())
+            if done.wait(_LOOK_S):
                 continue
             if self.call.client.nthreads():
                 deserted = None
@@ -91,7 +91,7 @@ class Remote:
             ) from None
 
     def cancel(self) -> Any:
-        """Do not begin."""
+        """Cancel the call if it has not started."""
         self.call.cancel()
 
 
@@ -100,7 +100,11 @@ Call: TypeAlias = Callable[..., Remote]
 
 @contextmanager
 def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
-    """How many cores there are now, and how to begin a call of a function, which may take results that are under way.
+    """Connect to a cluster.
+
+    Yields:
+        A function that returns the number of cores at present, and one that starts a call on the cluster. The latter
+        takes a function and its arguments, which may be results that are still being computed.
 
     Raises:
         StageError: the scheduler cannot be reached, has no workers, or is lost.
@@ -122,10 +126,10 @@ def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
     program = fingerprint()
 
     def call(function: Callable[..., Any], *arguments: Any) -> Remote:
-        known = [argument.call if isinstance(argument, Remote) else argument for argument in arguments]
-        # a key of its own for each call: the files that a job names may be others than in an earlier run
+        values = [argument.call if isinstance(argument, Remote) else argument for argument in arguments]
+        # pure=False: an earlier result of the same call may be outdated, as the files that a job names change
         return Remote(
-            client.submit(partial(_checked, program, function), *known, pure=False, retries=RETRIES), scheduler
+            client.submit(partial(_checked, program, function), *values, pure=False, retries=RETRIES), scheduler
         )
 
     with client:
@@ -140,7 +144,7 @@ def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
 
 
 def _checked(program: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """On a worker: the function of its arguments, by the program that the stage is of."""
+    """Run a function on a worker, whose program must be the one that the stage runs."""
     if fingerprint() != program:
         raise StageError(
             "a worker of the cluster has another version of lessbench, NumPy, SciPy, FINUFFT or MuJoCo than this "
@@ -151,7 +155,7 @@ def _checked(program: str, function: Callable[..., Any], *arguments: Any) -> Any
 
 @cache
 def fingerprint() -> str:
-    """SHA-256 over the program's code and the versions of what it computes with."""
+    """SHA-256 over the program's code and the versions of the libraries it computes with."""
     root = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
     for name in ("numpy", "scipy", "finufft", "mujoco", "polars"):

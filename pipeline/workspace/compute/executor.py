@@ -1,9 +1,9 @@
-"""Folds over parts: a pure function of each part, on this machine or on a cluster, its results in a fixed order.
+"""Runs a function for each of many parts, on the cores of this machine or on a cluster, and merges the results.
 
 What is submitted is a function of a module and a small record: names of files, numbers of parts, parameters. Results
-are used in the order of the parts, or merged in pairs as a tree whose shape depends on their number alone, so the
-number of threads, workers or failures changes no bit. Large results, as sketches are, meet on the workers; the last one
-comes here.
+are returned in the order of the parts, or merged in pairs as a tree whose shape depends on their number alone. So the
+number of threads, workers or failures changes no bit. On a cluster, large results such as sketches are merged on the
+workers, and only the last one is sent to this machine.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 Item = TypeVar("Item")
 
-SCHEDULER = "LESSBENCH_SCHEDULER"  # the environment variable that names a scheduler before params.yaml does
+SCHEDULER = "LESSBENCH_SCHEDULER"  # this environment variable overrides compute.scheduler in params.yaml
 
 
 class Future(Protocol):
-    """A result that is under way, wherever it will be."""
+    """A result that is being computed, in a thread or on a cluster."""
 
     def wait(self) -> None:
-        """Until it is there, or its failure is raised."""
+        """Wait until the result has been computed; raise the error if it failed."""
 
     def result(self) -> Any:
-        """Wait for it and bring it here."""
+        """Wait for the result and return it."""
 
     def cancel(self) -> Any:
-        """Do not begin."""
+        """Cancel the call if it has not started."""
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Where functions of parts are computed.
+    """The threads or cluster workers that compute.
 
     Attributes:
-        cores: how many parts can be computed at once, now.
-        ahead: parts that are under way for each core.
-        submit: begins a call of a function with one job.
-        join: begins to merge two results where they are.
+        cores: returns how many parts can be computed at once at present.
+        ahead: number of parts that are submitted for each core.
+        submit: starts a call of a function with one job.
+        join: starts to merge two results, without moving them to this machine.
     """
 
     cores: Callable[[], int]
@@ -56,58 +56,60 @@ class Workers:
     submit: Callable[[Callable[[Any], Any], Any], Future]
     join: Callable[[Callable[[Any, Any], Any], Any, Any], Future]
 
-    def mapped(self, function: Callable[[Job], Result], jobs: Sequence[Job], what: str) -> Iterator[Result]:
-        """The function's result for each job, in the order of the jobs; a few are under way, the others wait.
+    def mapped(self, function: Callable[[Job], Result], jobs: Sequence[Job], label: str) -> Iterator[Result]:
+        """The function's result for each job, in the order of the jobs. Only a few jobs are submitted at a time.
 
         Args:
-            function: of a module, not of an object; the same job gives the same result, to the last bit.
+            function: a function of a module, not a method; the same job gives the same result, to the last bit.
             jobs: small records.
-            what: is computed, for the progress bar.
+            label: what the progress bar says is computed.
 
         Raises:
             StageError: the cluster is lost.
-            WorkbenchError: what the function raises.
+            WorkbenchError: the function raised it.
         """
-        for found in self._in_order(function, jobs, what):
-            yield found.result()
+        for future in self._in_order(function, jobs, label):
+            yield future.result()
 
     def merged(
         self,
         function: Callable[[Job], Result],
         jobs: Sequence[Job],
         merge: Callable[[Result, Result], Result],
-        what: str,
+        label: str,
     ) -> Result:
-        """The function's results for all jobs, merged in pairs of neighbours, then pairs of pairs, and so on.
+        """The function's results for all jobs, merged: neighbours in pairs, then pairs of pairs, and so on.
 
-        Besides those under way, there is at most one result for each power of two up to the number of jobs.
+        At most one merged result for each power of two up to the number of jobs is held at a time.
 
         Args:
-            function, jobs, what: as in `mapped`; there is at least one job.
-            merge: two results that follow each other; a function of a module.
+            function: a function of a module, not a method; the same job gives the same result, to the last bit.
+            jobs: small records, at least one.
+            merge: a function of a module that merges two consecutive results, the earlier one first.
+            label: what the progress bar says is computed.
 
         Raises:
             StageError: the cluster is lost.
-            WorkbenchError: what a function raises.
+            WorkbenchError: one of the functions raised it.
         """
-        trees: list[tuple[int, Future]] = []  # each of 2^height results, the heights descending
-        for found in self._in_order(function, jobs, what):
-            found.wait()
-            height = 0
+        trees: list[tuple[int, Future]] = []  # (height, result of 2^height merged jobs), heights descending
+        for future in self._in_order(function, jobs, label):
+            future.wait()
+            merged, height = future, 0
             while trees and trees[-1][0] == height:
                 earlier = trees.pop()[1]
-                earlier.wait()  # a merge that fails is not found out at the end
-                found, height = self.join(merge, earlier, found), height + 1
-            trees.append((height, found))
-        last = trees.pop()[1]
+                earlier.wait()  # so that a merge that fails is noticed now and not at the end
+                merged, height = self.join(merge, earlier, merged), height + 1
+            trees.append((height, merged))
+        merged = trees.pop()[1]
         while trees:
-            last = self.join(merge, trees.pop()[1], last)
-        return cast(Result, last.result())
+            merged = self.join(merge, trees.pop()[1], merged)
+        return cast(Result, merged.result())
 
-    def _in_order(self, function: Callable[[Job], Result], jobs: Sequence[Job], what: str) -> Iterator[Future]:
+    def _in_order(self, function: Callable[[Job], Result], jobs: Sequence[Job], label: str) -> Iterator[Future]:
         waiting, started = iter(jobs), deque[Future]()
         try:
-            for _ in tracked(jobs, what):
+            for _ in tracked(jobs, label):
                 for job in _up_to(self.ahead * self.cores() + 1 - len(started), waiting):
                     started.append(self.submit(function, job))
                 yield started.popleft()
@@ -118,7 +120,7 @@ class Workers:
 
 @contextmanager
 def workers(project: Project) -> Iterator[Workers]:
-    """This machine's cores, or the cluster of the scheduler that the environment or params.yaml names.
+    """The cores of this machine, or the cluster if the environment or params.yaml names its scheduler.
 
     Raises:
         StageError: the scheduler cannot be reached, has no workers, or is lost.
@@ -128,7 +130,7 @@ def workers(project: Project) -> Iterator[Workers]:
         from pipeline.workspace.compute.dask_executor import connected
 
         with connected(scheduler) as (cores, call):
-            yield Workers(cores, 2, call, call)  # while one is computed, the next is on its way
+            yield Workers(cores, 2, call, call)  # the next job travels while one is computed
         return
     count = os.cpu_count() or 1
     pool = ThreadPoolExecutor(count)
@@ -137,7 +139,7 @@ def workers(project: Project) -> Iterator[Workers]:
             lambda: count,
             1,
             lambda function, job: Local(pool.submit(function, job)),
-            lambda merge, one, other: Local(_done(merge(one.result(), other.result()))),
+            lambda merge, earlier, later: Local(_done(merge(earlier.result(), later.result()))),
         )
     finally:
         pool.shutdown(cancel_futures=True)
@@ -150,15 +152,15 @@ class Local:
     call: concurrent.futures.Future[Any]
 
     def wait(self) -> None:
-        """Raise what the call raised."""
+        """Wait until the result has been computed; raise the error if it failed."""
         self.call.result()
 
     def result(self) -> Any:
-        """Wait for the result."""
+        """Wait for the result and return it."""
         return self.call.result()
 
     def cancel(self) -> Any:
-        """Do not begin."""
+        """Cancel the call if it has not started."""
         self.call.cancel()
 
 

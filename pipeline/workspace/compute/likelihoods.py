@@ -1,6 +1,6 @@
-"""Log likelihoods of a task's demonstrations under every hypothesis, set by set of alternatives.
+"""Log likelihoods of a task's demonstrations under every hypothesis, for each set of alternatives.
 
-Sets of up to one partition are computed whole, side by side; a larger set is a fold over its parts, see
+Sets of up to one partition are computed as a whole, several at once. A larger set is computed part by part, see
 `pipeline.choice.streaming`.
 """
 
@@ -28,14 +28,15 @@ from pipeline.workspace.compute.executor import Workers
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What the likelihoods of a task's demonstrations are wanted for.
+    """The demonstrations of a task, and the models and hypotheses under which their likelihoods are computed.
 
     Attributes:
-        features: of the alternatives.
-        models: labels of the models.
-        ids: of the n demonstrations.
-        demonstrations: (n, F) their scaled features.
-        thetas, betas: the hypotheses.
+        features: the scaled features of the alternatives.
+        models: names of the models.
+        ids: names of the n demonstrations.
+        demonstrations: (n, F) scaled features of the demonstrations.
+        thetas: (K, F) reward weights.
+        betas: (B,) inverse temperatures.
     """
 
     features: Scaled
@@ -45,26 +46,26 @@ class Question:
     thetas: FloatArray
     betas: FloatArray
 
-    def of(self, anchor: str) -> list[int]:
-        """Which demonstrations alternatives with this anchor are compared with: all, or its own."""
+    def rows_with(self, anchor: str) -> list[int]:
+        """Rows of the demonstrations that choose among alternatives with this anchor: all, or the one it names."""
         return [row for row, key in enumerate(self.ids) if anchor in (TASK_ANCHOR, key)]
 
-    def unknown(self) -> FloatArray:
-        """(n, K, B) of NaN."""
+    def not_computed(self) -> FloatArray:
+        """(n, K, B) of NaN, to be filled with likelihoods."""
         return np.full((len(self.ids), len(self.thetas), len(self.betas)), np.nan)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of a set that does not go through at once.
+    """A part of a set that is too large to be computed as a whole.
 
     Attributes:
-        question: what is asked.
-        anchor: of the set.
-        rows: of the features.
-        densities: the table of the log kernel sums.
-        density_rows: of the same alternatives in it.
-        sigma: the set's bandwidth.
+        question: demonstrations, models and hypotheses.
+        anchor: the anchor of the set.
+        rows: the rows of the part in the table of features.
+        densities: the table of log kernel sums.
+        density_rows: the rows of the same alternatives in that table.
+        sigma: the bandwidth of the set.
     """
 
     question: Question
@@ -76,120 +77,126 @@ class Part:
 
 
 def likelihoods(
-    pool: Workers, question: Question, tables: TaskTables, partition: int, what: str
+    pool: Workers, question: Question, tables: TaskTables, partition: int, label: str
 ) -> Iterator[tuple[tuple[SetRows, ...], dict[str, FloatArray]]]:
-    """The sets of each size and number, of all anchors, with (n, K, B) log likelihoods under each model.
+    """(n, K, B) log likelihoods under each model, with the sets they belong to.
 
     Args:
-        pool: where they are computed.
-        question: what is asked.
+        pool: the workers that compute.
+        question: demonstrations, models and hypotheses.
         tables: `features` and `densities`, checked.
-        partition: rows of a set that go through at once.
-        what: is computed, for the progress bar.
+        partition: the most rows of a set that are computed as a whole.
+        label: what the progress bar says is computed.
+
+    Yields:
+        The sets of one size and number, one for each anchor, and their likelihoods by model.
 
     Raises:
-        StageError: a model needs the whole of a set that is larger than a partition, or the tables are in other orders.
+        StageError: a model cannot compute a set part by part, or the two tables have different orders.
     """
     file, sigmas = tables.for_jobs("densities"), bandwidths(tables)
-    density_rows = {one.key: one for one in tables.contents("densities").sets}
-    alike: dict[tuple[int, str], list[SetRows]] = {}
-    for one in tables.contents("features").sets:
-        alike.setdefault((one.set_size, one.set_id), []).append(one)
-    sets = [tuple(some) for some in alike.values()]
-    for large, some in groupby(sets, lambda same: max(one.rows for one in same) > partition):
+    density_rows = {set_rows.key: set_rows for set_rows in tables.contents("densities").sets}
+    by_number: dict[tuple[int, str], list[SetRows]] = {}
+    for set_rows in tables.contents("features").sets:
+        by_number.setdefault((set_rows.set_size, set_rows.set_id), []).append(set_rows)
+    groups = [tuple(group) for group in by_number.values()]
+    for large, consecutive in groupby(groups, lambda group: max(set_rows.rows for set_rows in group) > partition):
         if not large:
-            small = list(some)
-            jobs = [(question, same, tuple(sigmas[one.key] for one in same)) for same in small]
-            yield from zip(small, pool.mapped(set_likelihoods, jobs, what), strict=True)
+            small = list(consecutive)
+            jobs = [(question, group, tuple(sigmas[set_rows.key] for set_rows in group)) for group in small]
+            yield from zip(small, pool.mapped(set_likelihoods, jobs, label), strict=True)
             continue
-        for same in some:
-            _require_streamed(question.models, same[0], partition)
+        for group in consecutive:
+            _require_streamed(question.models, group[0], partition)
             parts = {
-                one: _parts(question, one, file, density_rows[one.key], sigmas[one.key], PARTITIONS * partition)
-                for one in same
-                if question.of(one.anchor)
+                set_rows: _parts(
+                    question, set_rows, file, density_rows[set_rows.key], sigmas[set_rows.key], PARTITIONS * partition
+                )
+                for set_rows in group
+                if question.rows_with(set_rows.anchor)
             }
-            yield same, _streamed(pool, question, parts, what)
+            yield group, _streamed(pool, question, parts, label)
 
 
 def bandwidths(tables: TaskTables) -> dict[SetKey, float]:
     """The bandwidth of each set of the table `densities`, which has been checked."""
     densities = tables["densities"]
-    firsts = ((one.key, one.pieces[0]) for one in tables.contents("densities").sets)
+    firsts = ((set_rows.key, set_rows.pieces[0]) for set_rows in tables.contents("densities").sets)
     return {key: float(densities.part(piece.part, ["bandwidth"])["bandwidth"][piece.first]) for key, piece in firsts}
 
 
 def set_likelihoods(job: tuple[Question, tuple[SetRows, ...], tuple[float, ...]]) -> dict[str, FloatArray]:
-    """(n, K, B) under each model: each demonstration against the alternatives that share its anchor."""
+    """(n, K, B) log likelihoods under each model. Each demonstration chooses among the alternatives with its anchor."""
     question, sets, sigmas = job
-    found = {label: question.unknown() for label in question.models}
-    for one, sigma in zip(sets, sigmas, strict=True):
-        mine = question.of(one.anchor)
-        if not mine:
+    log_likelihoods = {name: question.not_computed() for name in question.models}
+    for set_rows, sigma in zip(sets, sigmas, strict=True):
+        rows = question.rows_with(set_rows.anchor)
+        if not rows:
             continue
-        # row by row in memory, so that sums over features round as they always did
-        alternatives = np.ascontiguousarray(question.features.read(one.pieces))
-        phi = question.demonstrations[mine]
-        for label, values in found.items():
-            model = choice_model(label, sigma)
-            values[mine] = log_likelihood(model, phi, alternatives, question.thetas, question.betas)
-    return found
+        # row by row in memory, because the memory layout changes how sums over features round
+        alternatives = np.ascontiguousarray(question.features.read(set_rows.pieces))
+        phi = question.demonstrations[rows]
+        for name, values in log_likelihoods.items():
+            model = choice_model(name, sigma)
+            values[rows] = log_likelihood(model, phi, alternatives, question.thetas, question.betas)
+    return log_likelihoods
 
 
-def _require_streamed(models: Sequence[str], one: SetRows, partition: int) -> None:
-    for label in models:
-        if label not in STREAMED_MODELS:
+def _require_streamed(models: Sequence[str], set_rows: SetRows, partition: int) -> None:
+    for name in models:
+        if name not in STREAMED_MODELS:
             raise StageError(
-                f"infer.models lists {label}, which compares every alternative with all others, and the set "
-                f"{one.set_id!r} of {one.rows:,} is larger than compute.partition ({partition:,}); leave that model "
-                "out, or make the partition larger"
+                f"infer.models lists {name}, which compares every alternative with all others, and the set "
+                f"{set_rows.set_id!r} of {set_rows.rows:,} is larger than compute.partition ({partition:,}); leave "
+                "that model out, or make the partition larger"
             )
 
 
 def _parts(
-    question: Question, one: SetRows, densities: TableFile, density_rows: SetRows, sigma: float, most: int
+    question: Question, set_rows: SetRows, densities: TableFile, density_rows: SetRows, sigma: float, most_rows: int
 ) -> list[Part]:
-    """The parts of a set, of up to `most` rows."""
-    ranges = [(first, first + count) for first, count in cut(one.rows, most)]
+    """The parts of a set, of up to `most_rows` rows each."""
+    bounds = [(first, first + count) for first, count in cut(set_rows.rows, most_rows)]
     return [
-        Part(question, one.anchor, one.between(*some), densities, density_rows.between(*some), sigma) for some in ranges
+        Part(question, set_rows.anchor, set_rows.between(*part), densities, density_rows.between(*part), sigma)
+        for part in bounds
     ]
 
 
 def _streamed(
-    pool: Workers, question: Question, parts: Mapping[SetRows, Sequence[Part]], what: str
+    pool: Workers, question: Question, parts: Mapping[SetRows, Sequence[Part]], label: str
 ) -> dict[str, FloatArray]:
-    """(n, K, B) under each model, each set a fold over its parts."""
-    found = {label: question.unknown() for label in question.models}
-    for one, own in parts.items():
-        sums = pool.merged(part_sums, own, _added, f"{what} {one.set_id}")
-        mine = question.of(one.anchor)
-        phi = question.demonstrations[mine]
-        for label, values in found.items():
-            values[mine] = sums[label].log_likelihood(phi, question.thetas, question.betas, phi.mean(axis=0))
-    return found
+    """(n, K, B) log likelihoods under each model, from the merged sums over the parts of each set."""
+    log_likelihoods = {name: question.not_computed() for name in question.models}
+    for set_rows, parts_of_set in parts.items():
+        sums = pool.merged(part_sums, parts_of_set, _added, f"{label} {set_rows.set_id}")
+        rows = question.rows_with(set_rows.anchor)
+        phi = question.demonstrations[rows]
+        for name, values in log_likelihoods.items():
+            values[rows] = sums[name].log_likelihood(phi, question.thetas, question.betas, phi.mean(axis=0))
+    return log_likelihoods
 
 
 def part_sums(part: Part) -> dict[str, JoinedSums]:
-    """What a part of a set adds under each model."""
+    """What a part of a set adds to the likelihoods under each model."""
     question, features = part.question, part.question.features
-    own = pl.concat(part.densities.table().pieces(part.density_rows, ["alternative_id", "log_density"]))
+    densities = pl.concat(part.densities.table().pieces(part.density_rows, ["alternative_id", "log_density"]))
     ids = pl.concat(features.file.table().pieces(part.rows, ["id"]))
-    if not own["alternative_id"].equals(ids["id"]):
+    if not densities["alternative_id"].equals(ids["id"]):
         raise StageError(
             f"{part.densities.path}: its alternatives are not in the order of features.parquet; make it again with "
             "`dvc repro`"
         )
-    phi = question.demonstrations[question.of(part.anchor)]
+    phi = question.demonstrations[question.rows_with(part.anchor)]
     alternatives = features.read(part.rows)
-    weights = {LESS: own["log_density"].to_numpy(), BOLTZMANN: None}
+    weights = {LESS: densities["log_density"].to_numpy(), BOLTZMANN: None}
     return {
-        label: joined_sums(
-            alternatives, phi, question.thetas, question.betas, phi.mean(axis=0), weights[label], part.sigma
+        name: joined_sums(
+            alternatives, phi, question.thetas, question.betas, phi.mean(axis=0), weights[name], part.sigma
         )
-        for label in question.models
+        for name in question.models
     }
 
 
-def _added(one: Mapping[str, JoinedSums], other: Mapping[str, JoinedSums]) -> dict[str, JoinedSums]:
-    return {label: one[label] + other[label] for label in one}
+def _added(earlier: Mapping[str, JoinedSums], later: Mapping[str, JoinedSums]) -> dict[str, JoinedSums]:
+    return {name: earlier[name] + later[name] for name in earlier}

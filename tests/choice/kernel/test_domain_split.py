@@ -38,8 +38,8 @@ def test_slabs_against_all_pairs(features: int, count: int) -> None:
 def test_every_point_lies_in_one_slab() -> None:
     rows = clustered(1000, 3)
     slabs = cut(rows, 1000, 0.05, 7)
-    assert np.all(sum(slab.own(rows).astype(int) for slab in slabs) == 1)
-    assert all(slab.grid.inside(rows[slab.around(rows)]).all() for slab in slabs)
+    assert np.all(sum(slab.contains(rows).astype(int) for slab in slabs) == 1)
+    assert all(slab.grid.inside(rows[slab.contains_or_adjoins(rows)]).all() for slab in slabs)
 
 
 def test_less_memory_means_more_slabs_and_the_same_sums(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -156,7 +156,10 @@ def whole(tmp_path: Path) -> Path:
             rows, schema=[*KEYS, "theta_id", "theta", "beta", "log_posterior", "posterior"], orient="row"
         ).with_columns(pl.col("theta").cast(pl.Array(pl.Float64, 2))),
         "held_out": pl.DataFrame(
-            {"task": "t", "model": ["boltzmann", "less"], "set_size": 30, "set_id": "working", "log_predictive": [-3.0, -2.0]}
+            {
+                "task": "t", "model": ["boltzmann", "less"], "set_size": 30, "set_id": "working",
+                "log_predictive": [-3.0, -2.0],
+            }
         ).with_columns(demonstration_id=pl.lit("ana"), participant=pl.lit("ana")),
         "demonstrations": sample_of("demonstrations", 3).with_columns(
             people["demonstration_id"], people["participant"], source=people["demonstration_id"] + ".mcap"
@@ -183,7 +186,8 @@ def sample_of(name: str, rows: int) -> pl.DataFrame:
     """Rows of a table that follow its schema and say nothing."""
     plain = {"string": "", "bool": False, "int64": 0, "float": 0.0, "double": 0.0}
     columns = {
-        column.name: pl.Series(np.zeros((rows, *(2 for _ in column.lengths)))) if column.lengths else [plain[column.scalar]] * rows
+        column.name: pl.Series(np.zeros((rows, *(2 for _ in column.lengths))))
+        if column.lengths else [plain[column.scalar]] * rows
         for column in schema(name).columns
     }  # fmt: skip
     return pl.DataFrame(columns)
@@ -216,7 +220,8 @@ def test_models_are_compared(whole: Path) -> None:
 def test_every_recording_is_accounted_for(whole: Path) -> None:
     answer = ask(whole, "select source, used, reason from recordings")
     assert answer.rows() == [
-        ("ana.mcap", True, None), ("bea-1.mcap", True, None), ("bea-2.mcap", True, None), ("cut.mcap", False, "truncated"),
+        ("ana.mcap", True, None), ("bea-1.mcap", True, None), ("bea-2.mcap", True, None),
+        ("cut.mcap", False, "truncated"),
     ]  # fmt: skip
 
 

@@ -119,7 +119,9 @@ GOOD = array(np.arange(6.0).reshape(2, 3))
 BEACON = b"touch beacon"
 HOSTILE: dict[str, tuple[bytes, str]] = {
     "os.system": (b"cos\nsystem\n(S'" + BEACON + b"'\ntR.", "unsupported-encoding"),
-    "posix.system in a list": (listing(GOOD, b"cposix\nsystem\n(S'" + BEACON + b"'\ntR") + b".", "unsupported-encoding"),
+    "posix.system in a list": (
+        listing(GOOD, b"cposix\nsystem\n(S'" + BEACON + b"'\ntR") + b".", "unsupported-encoding"
+    ),
     "eval": (b"c__builtin__\neval\n(S'1'\ntR.", "unsupported-encoding"),
     "getattr": (b"c__builtin__\ngetattr\n(S'a'\nS'b'\ntR.", "unsupported-encoding"),
     "a method of a known module": (b"cnumpy\nload\n(S'x'\ntR.", "unsupported-encoding"),
@@ -138,7 +140,8 @@ HOSTILE: dict[str, tuple[bytes, str]] = {
     "binary persistent id": (b"S'a'\nQ.", "unsupported-encoding"),
     "protocol 2": (pickle.dumps([1.0], protocol=2), "unsupported-encoding"),
     "protocol 5, out of band": (
-        pickle.dumps(pickle.PickleBuffer(b"x" * 9), protocol=5, buffer_callback=lambda _: False), "unsupported-encoding"),
+        pickle.dumps(pickle.PickleBuffer(b"x" * 9), protocol=5, buffer_callback=lambda _: False),
+        "unsupported-encoding"),
     "protocol 4 executing": (b"\x80\x04\x8c\x02os\x8c\x06system\x93\x8c\x0ctouch beacon\x85R.", "unsupported-encoding"),
     "extension registry": (b"\x82\x01.", "unsupported-encoding"),
     "no pickle": (b"\x89MCAP0\r\n" + bytes(100), "unsupported-encoding"),

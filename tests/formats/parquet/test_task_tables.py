@@ -99,8 +99,14 @@ def test_one_pass_reads_each_column_that_is_needed_once(
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ([densities(0, 20), densities(20, 19)], r"features\.parquet: row 40 has id 'task/40/working/000039', .*densities"),
-        ([densities(0, 20), densities(20, 21)], r"densities\.parquet: row 41 has alternative_id 'task/40/working/000040'"),
+        (
+            [densities(0, 20), densities(20, 19)],
+            r"features\.parquet: row 40 has id 'task/40/working/000039', .*densities",
+        ),
+        (
+            [densities(0, 20), densities(20, 21)],
+            r"densities\.parquet: row 41 has alternative_id 'task/40/working/000040'",
+        ),
         (
             [densities(0, 20), densities(20, 20).with_columns(set_id=pl.lit("other"))],
             "row 21 has alternative_id 'task/40/working/000020', anchor 'task', set_size 40, set_id 'other', for which",

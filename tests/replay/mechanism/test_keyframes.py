@@ -16,9 +16,11 @@ SWING = """
   <default><default class="elbow"><joint range="{elbow}"/></default></default>
   <worldbody>
     <body name="upper"><joint name="turn" axis="0 0 1"/><geom size="0.1"/>
-      <body name="fore" pos="0.4 0 0" childclass="elbow"><joint name="elbow" axis="0 0 1" ref="{ref}"/><geom size="0.1"/>
+      <body name="fore" pos="0.4 0 0" childclass="elbow">
+        <joint name="elbow" axis="0 0 1" ref="{ref}"/><geom size="0.1"/>
         <body name="hand" pos="0.3 0 0"><geom size="0.1"/>
-          <body name="finger" pos="0 0.05 0" childclass="main"><joint name="finger" type="slide" range="0 0.04"/><geom size="0.01"/></body>
+          <body name="finger" pos="0 0.05 0" childclass="main">
+            <joint name="finger" type="slide" range="0 0.04"/><geom size="0.01"/></body>
         </body></body></body>
     <body name="ball" pos="3 3 3"><freejoint/><geom size="0.1"/></body>
   </worldbody>
@@ -61,11 +63,13 @@ def test_within_the_limits_nothing_is_said(swing):
                 "start": "11.46 85.9437 0",
                 "goal": "68.75 143.239 0",
             },  # keyframes in degrees, which MuJoCo never converts
-            r"in keyframe 'start' joint 'elbow' is at 85\.9437; its limits are 0\.8 to 5\.4 rad\. They look like degrees",
+            r"in keyframe 'start' joint 'elbow' is at 85\.9437; its limits are 0\.8 to 5\.4 rad\. They look like "
+            "degrees",
         ),
         (
             {"compiler": ""},  # a range in radians, taken for degrees
-            r"joint 'elbow' is at 1\.5; its limits are 0\.0139626 to 0\.0942478 rad\. The range of 'elbow' reads as 0\.8 to "
+            r"joint 'elbow' is at 1\.5; its limits are 0\.0139626 to 0\.0942478 rad\. The range of 'elbow' reads as "
+            r"0\.8 to "
             r"5\.4 radians that were taken for degrees: .* <compiler angle=\"radian\"/>; add it",
         ),
         ({"goal": "1.2 5.6 0"}, r"in keyframe 'goal' joint 'elbow' is at 5\.6; its limits are 0\.8 to 5\.4 rad\.$"),

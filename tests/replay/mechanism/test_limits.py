@@ -123,8 +123,14 @@ SWAPPED = PATH[:, [0, 2, 1, 3, 4]]
     ("positions", "cause"),
     [
         (np.where(LIMITS.slides, PATH, np.degrees(PATH)), "They look like degrees; convert them to radians."),
-        (np.where(LIMITS.slides, PATH, np.linspace(-100, 99, 50)[:, None]), "percentages from -100 to 100; convert them"),
-        (np.where(LIMITS.slides, PATH, np.linspace(50, 98.5, 50)[:, None]), "like degrees or percentages from -100 to 100"),
+        (
+            np.where(LIMITS.slides, PATH, np.linspace(-100, 99, 50)[:, None]),
+            "percentages from -100 to 100; convert them",
+        ),
+        (
+            np.where(LIMITS.slides, PATH, np.linspace(50, 98.5, 50)[:, None]),
+            "like degrees or percentages from -100 to 100",
+        ),
         (np.rint(PATH * 4096 / TURN), "All are whole numbers, as encoders count ticks"),
         (changed(lift=PATH[:, 4] * 1000), "They look like millimetres; convert them to metres."),
         (SWAPPED, r"in another order \(those of 'elbow' to 'shoulder', those of 'shoulder' to 'elbow'\)"),

@@ -24,8 +24,10 @@ ARM = """
         <body name="three" pos="0.3 0 0">
           <joint name="third" type="slide" axis="1 0.5 0" range="0 0.3"/><geom size="0.1"/>
           <site name="grip" pos="0.1 0.02 0" euler="0 0 0.5"/>
-          <body name="left" pos="0 0.05 0"><joint name="left" type="slide" axis="0 1 0" range="0 0.04"/><geom size="0.01"/></body>
-          <body name="right" pos="0 -0.05 0"><joint name="right" type="slide" axis="0 -1 0" range="0 0.04"/><geom size="0.01"/></body>
+          <body name="left" pos="0 0.05 0">
+            <joint name="left" type="slide" axis="0 1 0" range="0 0.04"/><geom size="0.01"/></body>
+          <body name="right" pos="0 -0.05 0">
+            <joint name="right" type="slide" axis="0 -1 0" range="0 0.04"/><geom size="0.01"/></body>
         </body>
       </body>
     </body>
@@ -41,7 +43,8 @@ ARM = """
 FOLLOW = '<joint name="follow" joint1="second" joint2="first" polycoef="0.1 0.5 0.2 -0.1 0.05"/>'
 FINGERS = '<joint name="fingers" joint1="left" joint2="right"/>'
 HELD = {
-    "relpose": '<weld name="held" body1="three" body2="cup" relpose="0.1 0.2 0.3 0.5 0.5 -0.5 0.5" anchor="0.05 -0.02 0.1"/>',
+    "relpose": '<weld name="held" body1="three" body2="cup" relpose="0.1 0.2 0.3 0.5 0.5 -0.5 0.5" '
+    'anchor="0.05 -0.02 0.1"/>',
     "as it stands": '<weld name="held" body1="three" body2="cup"/>',
     "cup first": '<weld name="held" body1="cup" body2="three" relpose="0.1 0 0.05 0.9 0.1 0 0.3"/>',
     "by its lid": '<weld name="held" body1="three" body2="lid" relpose="0.1 0 0.05 0.9 0.1 0 0.3"/>',
@@ -116,7 +119,10 @@ def test_a_follower_is_where_the_polynomial_has_it(tmp_path):
 
 def test_a_follower_that_is_recorded_leads(tmp_path):
     """The second of a gripper's fingers follows the first; who records the second alone has the first too."""
-    gear = '<joint joint1="left" joint2="right" polycoef="0.001 0.5 0 0 0"/><joint joint1="right" joint2="third" polycoef="0 0.1 0 0 0"/>'
+    gear = (
+        '<joint joint1="left" joint2="right" polycoef="0.001 0.5 0 0 0"/>'
+        '<joint joint1="right" joint2="third" polycoef="0 0.1 0 0 0"/>'
+    )
     scene = scene_of(tmp_path, gear, joints=["first", "left"])
     configurations = np.array([[0.1, 0.012], [1.0, 0.001]])
     assert residuals(scene, configurations).max() < 1e-15
@@ -128,7 +134,8 @@ def test_a_follower_that_is_recorded_leads(tmp_path):
 
 def test_followers_of_joints_that_stay_are_set_once(tmp_path):
     scene = scene_of(
-        tmp_path, '<joint joint1="third" polycoef="0.2 0 0 0 0"/><joint joint1="left" joint2="third" polycoef="0 0.1 0 0 0"/>',
+        tmp_path, '<joint joint1="third" polycoef="0.2 0 0 0 0"/>'
+        '<joint joint1="left" joint2="third" polycoef="0 0.1 0 0 0"/>',
         joints=["first", "second"], end_effector="grip",
     )  # fmt: skip
     assert residuals(scene, np.array([[0.1, 0.2]])).max() < 1e-15
@@ -148,13 +155,22 @@ def test_limits_are_narrowed_where_a_follower_would_leave_its_own(tmp_path):
         (FOLLOW, ["first", "second"], "makes joint 'second' follow joint 'first'; leave the follower out"),
         (FOLLOW, ["second", "third"], "makes joint 'second' follow joint 'first'"),
         ('<joint joint1="third"/>', ["first", "third"], "makes joint 'third' follow a constant"),
-        (FOLLOW + FOLLOW.replace("follow", "again"), None, "two equality constraints give the position of joint 'second'"),
+        (
+            FOLLOW + FOLLOW.replace("follow", "again"), None,
+            "two equality constraints give the position of joint 'second'",
+        ),
         (
             '<joint joint1="left" joint2="right"/><joint joint1="right" joint2="left"/>', None,
             "'left', 'right' follow each other in a circle",
         ),
-        ('<connect name="loop" body1="three" body2="world" anchor="0 0 0"/>', None, "'loop' ties body 'three', .* to 'world'"),
-        ('<weld body1="left" body2="right"/>', None, r"'number 0' ties body 'left', .* to 'right', .* active=\"false\""),
+        (
+            '<connect name="loop" body1="three" body2="world" anchor="0 0 0"/>', None,
+            "'loop' ties body 'three', .* to 'world'",
+        ),
+        (
+            '<weld body1="left" body2="right"/>', None,
+            r"'number 0' ties body 'left', .* to 'right', .* active=\"false\"",
+        ),
         ('<weld body1="lid" body2="three"/>', None, "ties body 'lid', which the joints move, to 'three'"),
     ],
 )  # fmt: skip
