@@ -89,7 +89,8 @@ STAGES = (
     Stage(
         "ingest", Scope.TASK, "ingest", "pipeline.stages.ingest",
         parameters=(
-            "tasks.{task}.recordings", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor", "ingest",
+            "tasks.{task}.recordings", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor",
+            "ingest",
         ),
         named=("tasks.{task}.recordings",),
         inputs=(SCENE,),
