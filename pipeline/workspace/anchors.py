@@ -36,8 +36,11 @@ class Ends:
 
     @property
     def key(self) -> str:
-        """A label for random streams that depends on the start and the goal, and on no name."""
-        return _key(self.anchor)
+        """A label for random streams that depends on the scene, the start and the goal, and on no name of a task.
+
+        The scene is in it so that tasks that only share their start and goal draw independent alternatives.
+        """
+        return _key(self.scene, self.anchor)
 
     def room(self) -> Room:
         """The room between start and goal.
@@ -69,7 +72,8 @@ def ends_of(scene: Scene, task: Task, demonstrations: pl.DataFrame) -> list[Ends
 
 def anchor_keys(scene: Scene, task: Task, demonstrations: pl.DataFrame) -> dict[str, str]:
     """By anchor, its label for random streams (see `Ends.key`); arguments and errors as those of `ends_of`."""
-    return {label: _key(anchor) for label, anchor in _anchors(scene, task, demonstrations).items()}
+    file = scene_file(scene)
+    return {label: _key(file, anchor) for label, anchor in _anchors(scene, task, demonstrations).items()}
 
 
 def _anchors(scene: Scene, task: Task, demonstrations: pl.DataFrame) -> dict[str, Anchor]:
@@ -81,8 +85,8 @@ def _anchors(scene: Scene, task: Task, demonstrations: pl.DataFrame) -> dict[str
     }
 
 
-def _key(anchor: Anchor) -> str:
-    return content_key(anchor.start, anchor.goal)
+def _key(scene: SceneFile, anchor: Anchor) -> str:
+    return f"{scene.content}/{content_key(anchor.start, anchor.goal)}"
 
 
 def shortened(notes: list[str]) -> list[str]:

@@ -105,3 +105,18 @@ def test_given_trajectories_may_stand_in_any_order(make_project: Make, parameter
             stage.run(project, "sweep")
         found.append(read_table(project.table("sweep", "posteriors"), "posteriors").sort(POSTERIOR))
     assert found[0].equals(found[1])
+
+
+def test_tasks_of_different_scenes_draw_different_alternatives(make_project: Make, parameters: dict[str, Any]) -> None:
+    sweep = parameters["tasks"]["sweep"]
+    tasks = {"sweep": sweep, "alike": sweep, "apart": sweep | {"scene": "apart.xml"}}
+    project = make_project(parameters | {"tasks": tasks, "simulate": parameters["simulate"] | {"weights": {}}})
+    scene = (project.root / "gantry.xml").read_text()
+    (project.root / "apart.xml").write_text(scene.replace('pos="0.4 0.3 0"', 'pos="0.3 0.3 0"'))  # the vase
+    drawn = {}
+    for task in tasks:
+        ingest.run(project, task)
+        sample.run(project, task)
+        drawn[task] = read_table(project.table(task, "alternatives"), "alternatives")["waypoints"].to_numpy()
+    assert np.array_equal(drawn["alike"], drawn["sweep"])
+    assert not np.isclose(drawn["apart"][:, 7], drawn["sweep"][:, 7]).all(axis=1).any()
