@@ -52,7 +52,11 @@ class BaseWeights:
 
 
 def base_weights(
-    features: ArrayLike, omegas: ArrayLike, counts: ArrayLike, start: ArrayLike | None = None, most_rows: int = MOST_ROWS
+    features: ArrayLike,
+    omegas: ArrayLike,
+    counts: ArrayLike,
+    start: ArrayLike | None = None,
+    most_rows: int = MOST_ROWS,
 ) -> BaseWeights:
     """Pool draws from many tilts of one base measure.
 

@@ -82,7 +82,7 @@ class Centroids:
     def locate(self, features: Array) -> tuple[Keys, Array]:
         """See `Cells`."""
         distance, index = self._tree.query(features)
-        return index.astype(np.int64), np.asarray(distance**2)
+        return np.asarray(index, dtype=np.int64), np.asarray(distance**2, dtype=np.float64)
 
 
 def spread(features: Array, count: int) -> Array:
@@ -185,7 +185,11 @@ class Archive:
         """The slots of distinct sorted keys, new ones made where needed, and which are new."""
         place = np.searchsorted(self._keys, keys)
         inside = np.minimum(place, max(len(self._keys) - 1, 0))
-        new = np.ones(len(keys), bool) if not len(self._keys) else (place == len(self._keys)) | (self._keys[inside] != keys)
+        new = (
+            np.ones(len(keys), bool)
+            if not len(self._keys)
+            else (place == len(self._keys)) | (self._keys[inside] != keys)
+        )
         slot = np.empty(len(keys), dtype=np.int64)
         if len(self._keys):
             slot[~new] = self._slots[inside[~new]]

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.exploration.archive import Archive, Cells
@@ -21,6 +22,7 @@ Interest = Callable[[Array], Array]
 """(N, F) features to (N,) positive weights: how much a cell matters to whoever asks."""
 
 BATCH = 2000
+USUAL = Variation()
 _INTEREST_EVERY = 25  # batches between two evaluations of the interest: the map changes little in between
 
 
@@ -73,7 +75,8 @@ def explore(
     cells: Cells,
     *,
     interest: Interest | None = None,
-    variation: Variation = Variation(),
+    variation: Variation = USUAL,
+    start: Exploration | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Exploration:
     """Cover what the space can reach.
@@ -89,6 +92,7 @@ def explore(
         cells: how feature space is cut.
         interest: see above.
         variation: how children are made.
+        start: an exploration over the same cells to go on with, which is changed; `evaluations` counts those it has had.
         progress: called with (evaluations so far, cells so far) after each batch.
 
     Raises:
@@ -96,11 +100,16 @@ def explore(
     """
     features, inside = space.evaluate(seeds)
     if not inside.any():
-        raise ArgumentError(f"seeds has {len(seeds)} trajectories and none is in the choice space; raise its effort bound.")
-    archive = Archive(cells, (space.modes, space.joints), features.shape[1])
+        raise ArgumentError(
+            f"seeds has {len(seeds)} trajectories and none is in the choice space; raise its effort bound."
+        )
+    archive = Archive(cells, (space.modes, space.joints), features.shape[1]) if start is None else start.archive
     archive.add(seeds[inside], features[inside])
-    done, admitted, weights = len(seeds), int(inside.sum()), np.empty(0)
-    growth: list[Growth] = [Growth(done, len(archive), admitted / done)]
+    growth = [] if start is None else list(start.growth)
+    done, admitted, weights = len(seeds), float(inside.sum()), np.empty(0)
+    if start is not None:
+        done, admitted = done + start.evaluations, admitted + start.evaluations * growth[-1].admitted
+    growth.append(Growth(done, len(archive), admitted / done))
     for batch in range(max(0, -(-(evaluations - done) // BATCH))):
         if interest is not None and batch % _INTEREST_EVERY == 0:
             weights = np.sqrt(interest(archive.features))
@@ -109,14 +118,14 @@ def explore(
         children = variation.children(rng, archive.z[parents], others, space.width_rad)
         features, inside = space.evaluate(children)
         archive.add(children[inside], features[inside])
-        done, admitted = done + BATCH, admitted + int(inside.sum())
+        done, admitted = done + BATCH, admitted + float(inside.sum())
         growth.append(Growth(done, len(archive), admitted / done))
         if progress is not None:
             progress(done, len(archive))
     return Exploration(archive, tuple(growth))
 
 
-def _parents(rng: np.random.Generator, archive: Archive, weights: Array) -> Array:
+def _parents(rng: np.random.Generator, archive: Archive, weights: Array) -> NDArray[np.intp]:
     """(BATCH,) rows of the archive; those that have joined since `weights` were computed wait for the next."""
     rare = 1 / np.sqrt(1 + archive.visits)
     if not len(weights):
@@ -125,9 +134,10 @@ def _parents(rng: np.random.Generator, archive: Archive, weights: Array) -> Arra
     return np.concatenate([_drawn(rng, rare, BATCH - BATCH // 2), _drawn(rng, wanted, BATCH // 2)])
 
 
-def _drawn(rng: np.random.Generator, chances: Array, count: int) -> Array:
+def _drawn(rng: np.random.Generator, chances: Array, count: int) -> NDArray[np.intp]:
     total = np.cumsum(chances)
-    return np.minimum(np.searchsorted(total, rng.random(count) * total[-1], side="right"), len(chances) - 1)
+    rows = np.searchsorted(total, rng.random(count) * total[-1], side="right")
+    return np.asarray(np.minimum(rows, len(chances) - 1))
 
 
 def seeds_around(space: ChoiceSpace, waypoints: Sequence[Array]) -> Array:

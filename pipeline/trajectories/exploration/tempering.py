@@ -105,7 +105,11 @@ def temper(
     z, features = space.draw_base(rng, rays * walkers)
     z, features = z.reshape(rays, walkers, *z.shape[1:]), features.reshape(rays, walkers, -1)
     betas, log_z, sizes = np.zeros(rays), np.zeros(rays), np.full(rays, 0.5)
-    omegas, draws, estimates = [np.zeros((1, thetas.shape[1]))], [features.reshape(1, rays * walkers, -1)], [np.zeros(1)]
+    omegas, draws, estimates = (
+        [np.zeros((1, thetas.shape[1]))],
+        [features.reshape(1, rays * walkers, -1)],
+        [np.zeros(1)],
+    )
     evaluations = rays * walkers
     while (going := np.flatnonzero(betas < largest_beta)).size:
         rewards = np.einsum("rf,rnf->rn", thetas[going], features[going])

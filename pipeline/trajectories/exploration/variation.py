@@ -56,7 +56,8 @@ class Variation:
         shrunk = 1 - some(self.shrink) * (1 - rng.uniform(0.6, 1.05, (count, 1, 1)))
         line = some(self.line) * rng.normal(0, 0.4, (count, 1, 1))
         difference = some(self.difference) * rng.normal(0, 0.4, (count, 1, 1))
-        width = np.exp(rng.uniform(*np.log(self.width_rad), (count, 1, 1))) / unit_rad
+        least, most = np.log(self.width_rad)
+        width = np.exp(rng.uniform(least, most, (count, 1, 1))) / unit_rad
         # Few joints or all: a hand that turns one joint reaches what isotropic noise would not.
         joint = rng.random((count, 1, joints)) < rng.uniform(0.2, 1, (count, 1, 1))
         wave = np.arange(1.0, modes + 1)[:, None] ** self.roughness
