@@ -209,7 +209,8 @@ def held_out(runs: list[Covered]) -> list[str]:
 
 
 def report(which: Case, explorations: int, evaluations: int, keep: Path | None) -> None:
-    seeds = list(which.samples)[:explorations]
+    every = np.linspace(0, len(which.samples) - 1, explorations).round().astype(int)
+    seeds = [list(which.samples)[index] for index in every]
     runs = []
     for seed in seeds:
         runs.append(covered(which, seed, evaluations))

@@ -23,7 +23,8 @@ Interest = Callable[[Array], Array]
 
 BATCH = 2000
 USUAL = Variation()
-_INTEREST_EVERY = 25  # batches between two evaluations of the interest: the map changes little in between
+_INTEREST_EVERY = 25  # batches between two evaluations of the interest, unless the map has grown by a tenth
+_GROWN = 1.1
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def explore(
         done, admitted = done + start.evaluations, admitted + start.evaluations * growth[-1].admitted
     growth.append(Growth(done, len(archive), admitted / done))
     for batch in range(max(0, -(-(evaluations - done) // BATCH))):
-        if interest is not None and batch % _INTEREST_EVERY == 0:
+        if interest is not None and (batch % _INTEREST_EVERY == 0 or len(archive) > _GROWN * len(weights)):
             weights = np.sqrt(interest(archive.features))
         parents = _parents(rng, archive, weights)
         others = archive.z[rng.integers(len(archive), size=(3, BATCH))]

@@ -107,7 +107,7 @@ def temper(
     betas, log_z, sizes = np.zeros(rays), np.zeros(rays), np.full(rays, 0.5)
     omegas, draws, estimates = (
         [np.zeros((1, thetas.shape[1]))],
-        [features.reshape(1, rays * walkers, -1)],
+        [features.reshape(1, rays * walkers, -1).copy()],
         [np.zeros(1)],
     )
     evaluations = rays * walkers
@@ -147,19 +147,26 @@ class _Walkers:
 
     def __init__(self, space: ChoiceSpace, omega: Array, z: Array, features: Array, sizes: Array) -> None:
         self.space, self.omega, self.z, self.features, self.sizes = space, omega, z, features, sizes
-        self._reward = np.einsum("rf,rnf->rn", omega, features)
+        self._centre = z.mean(axis=1, keepdims=True)
+        self._log_ratio = self._relative(z, features)
 
     def sweep(self, rng: np.random.Generator, acceptance: float) -> None:
         """One preconditioned Crank-Nicolson move of every walker; the step size follows the share accepted."""
         size = self.sizes[:, None, None, None]
-        proposed = np.sqrt(1 - size**2) * self.z + size * rng.standard_normal(self.z.shape)
+        kept = self._centre + np.sqrt(1 - size**2) * (self.z - self._centre)
+        proposed = kept + size * rng.standard_normal(self.z.shape)
         features, inside = self.space.evaluate(proposed.reshape(-1, *proposed.shape[2:]))
-        features, inside = features.reshape(self.features.shape), inside.reshape(self._reward.shape)
-        reward = np.einsum("rf,rnf->rn", self.omega, np.where(inside[..., None], features, 0.0))
-        accepted = inside & (np.log1p(-rng.random(reward.shape)) < reward - self._reward)
+        features, inside = features.reshape(self.features.shape), inside.reshape(self._log_ratio.shape)
+        log_ratio = self._relative(proposed, np.where(inside[..., None], features, 0.0))
+        accepted = inside & (np.log1p(-rng.random(inside.shape)) < log_ratio - self._log_ratio)
         self.z[accepted], self.features[accepted] = proposed[accepted], features[accepted]
-        self._reward[accepted] = reward[accepted]
+        self._log_ratio[accepted] = log_ratio[accepted]
         self.sizes = np.clip(self.sizes * np.exp(0.5 * (accepted.mean(axis=1) - acceptance)), *_STEPS)
+
+    def _relative(self, z: Array, features: Array) -> Array:
+        """(R, N) log of the tilted measure relative to the Gaussian N(centre, I) that the moves leave as it is."""
+        shift = np.einsum("rkj,rnkj->rn", self._centre[:, 0], z)
+        return np.asarray(np.einsum("rf,rnf->rn", self.omega, features) - shift)
 
 
 def _next_step(rewards: Array, room: Array, share: float) -> Array:
