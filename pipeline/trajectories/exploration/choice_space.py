@@ -48,7 +48,7 @@ class ChoiceSpace:
         effort_multiple: largest effort as a multiple of the least possible between the ends, > 1.
         width_rad: of the base measure, the root mean square deviation from the straight path of an uncut draw.
         modes: K, half waves per joint: the smoothness family.
-        decay: half wave k of the base measure has an amplitude proportional to k^-decay. Above 1/2 plus 1 the expected
+        decay: half wave k of the base measure has an amplitude proportional to k^-decay. Above 3/2 the expected
             effort stays finite as K grows, so the base measure does not depend on where the sum is cut.
         largest_step: (J,) most that a joint may move from one waypoint to the next; None: no limit of speed.
 

@@ -4,10 +4,11 @@ Boltzmann over the base measure mu needs Z(omega) = E_mu[exp(omega . phi)] for o
 population of walkers goes from omega = 0, where it is drawn exactly, to the largest beta. Each step reweights and
 resamples the walkers (a sequential Monte Carlo sampler; Del Moral, Doucet and Jasra 2006), with the step in beta chosen
 so that the effective sample size stays at a declared share, and then moves them by preconditioned Crank-Nicolson steps
-(Cotter, Roberts, Stuart and White 2013, equation 4.8), which leave the Gaussian base measure as it is:
-    z' = sqrt(1 - s^2) z + s xi,  xi ~ N(0, I),  accepted with min(1, exp(omega . (phi' - phi))) inside the space.
+(Cotter, Roberts, Stuart and White 2013, equation 4.8) about the walkers' mean m,
+    z' = m + sqrt(1 - s^2) (z - m) + s xi,  xi ~ N(0, I),
+which leave N(m, I) as it is; a step inside the space is accepted with min(1, exp(omega . (phi' - phi) - m . (z' - z))).
 The draws of all steps of all thetas are pooled by `pipeline.choice.reweighting`, which is far more exact than the product of
-the steps' own ratios. Moves that preserve a Gaussian *fitted* to the walkers were tried and rejected: they accept
+the steps' own ratios. Moves about a Gaussian whose *covariance* is fitted to the walkers were tried and rejected: they accept
 more, and are wrong at equal cost (docs/choice_space.md has the figures).
 """
 
