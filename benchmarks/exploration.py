@@ -1,13 +1,13 @@
 """Do explorations agree, and are they right? `python -m benchmarks.exploration [TASK ...] [--data DIR] [--people DIR]`.
 
-For each task: independent explorations, each seeded by another sampler's set of 1,000 (`shifted_alternatives.parquet` of a
-finished project under --data), their disagreement under both models, coverage of credible sets on choices simulated from
-one exploration and inferred with another, and cost. With --people (a folder with one folder of MCAP files a condition,
+For each task: independent explorations, each seeded by another sampler's set of 1,000 (`shifted_alternatives.parquet`
+of a finished project under --data), their disagreement under both models, coverage of credible sets on choices
+simulated from one exploration and inferred with another, and cost. With --people (a folder with one folder of MCAP files a condition,
 named after its task, such as laptop2) the same on those recordings, and the held-out scores of the two models.
 
 Fixed before the runs that are reported: the bound on effort (1.25 times the most wasteful demonstration, up to the next
-tenth), the width of the base measure (the demonstrations' root mean square deviation), cells and kernel of 0.05 (1/36 of
-the bound on scaled efficiency where that is more), 1,000,000 evaluations of the map beside a million of the tempering.
+tenth), the width of the base measure (the demonstrations' root mean square deviation), cells and kernel of 0.05 (1/36
+of the bound on scaled efficiency where that is more), 1,000,000 evaluations of the map beside a million of the tempering.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def covered(which: Case, seed: str, evaluations: int) -> Covered:
 
 
 def agreement(which: Case, runs: list[Covered], model: str) -> list[str]:
-    """KLAggregate on the scale of ten explorations: median and largest over demonstrations, all together; learned nats."""
+    """KLAggregate on the scale of ten: median and largest over demonstrations, all together; learned nats."""
     single = np.stack(
         [
             [posterior_from(one, which.thetas, which.betas).log_marginal_theta for one in run.likelihoods[model]]
@@ -195,7 +195,7 @@ def simulated(which: Case, runs: list[Covered], model: str, count: int) -> list[
 
 
 def held_out(runs: list[Covered]) -> list[str]:
-    """Mean over people of LESS minus Boltzmann, both as densities of features: mean and spread over explorations, error over people."""
+    """LESS minus Boltzmann as densities of features, per person: mean and SD over explorations, error over people."""
     differences = np.stack(
         [
             held_out_from(run.likelihoods["less"]).log_predictive
@@ -216,14 +216,15 @@ def report(which: Case, explorations: int, evaluations: int, keep: Path | None) 
         runs.append(covered(which, seed, evaluations))
         run = runs[-1]
         print(
-            f"{which.name} {seed}: {run.cells} cells, growth at the last doubling {run.growth:.3f}, least effective size "
-            f"{run.effective:.0f}, {run.seconds[0]:.1f} + {run.seconds[1]:.1f} s for {run.evaluations[0]} + {run.evaluations[1]}",
+            f"{which.name} {seed}: {run.cells} cells, growth at the last doubling {run.growth:.3f}, least effective "
+            f"size {run.effective:.0f}, {run.seconds[0]:.1f} + {run.seconds[1]:.1f} s for {run.evaluations[0]} + "
+            f"{run.evaluations[1]}",
             flush=True,
         )
     space = which.space
     title = (
-        f"{which.name}: {len(runs)} explorations; effort up to {space.most_effort:.3f} rad^2 ({space.effort_multiple:g} times the "
-        f"least), base measure {space.width_rad:.3f} rad, cell {which.cell:.3f}"
+        f"{which.name}: {len(runs)} explorations; effort up to {space.most_effort:.3f} rad^2 "
+        f"({space.effort_multiple:g} times the least), base measure {space.width_rad:.3f} rad, cell {which.cell:.3f}"
     )
     show(
         title,

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray, positive
+from pipeline.choice.validation import positive
 from pipeline.errors import ArgumentError
 
 TEN = 90  # ordered pairs of ten posteriors: the scale of the paper's KLAggregate
@@ -78,7 +79,7 @@ class Convergence:
 
     @property
     def change(self) -> float:
-        """Largest divergence of the pooled answer of the last round from that of the round before; infinite without one.
+        """Largest divergence of the pooled answer from that of the round before; infinite without one.
 
         Explorations can agree and be wrong together while they are still too short. This is what shows it.
         """

@@ -2,8 +2,8 @@
 
 LESS divides by how crowded features are, so over an ever denser set it becomes uniform over the region that can be
 reached: p(phi) = exp(omega . phi) / integral over the region. Boltzmann over a base measure mu is p(phi) = g(phi)
-exp(omega . phi) / Z(omega) with g the density of states of mu. Both need a sum over weighted rows, and both are densities
-with respect to d phi, so that their held-out scores can be compared. docs/choice_space.md derives them.
+exp(omega . phi) / Z(omega) with g the density of states of mu. Both need a sum over weighted rows, and both are
+densities with respect to d phi, so that their held-out scores can be compared. docs/choice_space.md derives them.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.kernel.density import log_density
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.models import WeightedSet
-from pipeline.choice.validation import FloatArray, inverse_temperatures, matrix, positive, read_only, vector
+from pipeline.choice.validation import inverse_temperatures, matrix, positive, read_only, vector
 from pipeline.errors import ArgumentError
 
 
@@ -153,8 +154,8 @@ class PooledLESS:
 def sampling_corrected(log_w: ArrayLike, log_proposal: ArrayLike, what: str = "alternatives") -> FloatArray:
     """Log weights less the log density with which each trajectory was drawn (McFadden 1978, positive conditioning).
 
-    The chosen trajectory is corrected by *its own* density too, even if it was not drawn. A density that is zero means that
-    the sampler never offers the trajectory; no correction exists then, and it is an error rather than a large weight.
+    The chosen trajectory is corrected by *its own* density too, even if it was not drawn. A density that is zero means
+    that the sampler never offers the trajectory; no correction exists then, and it is an error rather than a large weight.
 
     Args:
         log_w: (N,) log weights of a model.
@@ -169,7 +170,8 @@ def sampling_corrected(log_w: ArrayLike, log_proposal: ArrayLike, what: str = "a
     wrong = np.flatnonzero(~np.isfinite(density)) if density.shape == weights.shape else np.arange(1)
     if wrong.size:
         raise ArgumentError(
-            f"log_proposal of {what} has shape {density.shape} and no finite value at row {wrong[0]}; every row needs a "
-            f"density, so use a sampler with jitter (see pipeline.trajectories.sampler_density) or leave the correction out."
+            f"log_proposal of {what} has shape {density.shape} and no finite value at row {wrong[0]}; every row needs "
+            "a density, so use a sampler with jitter (see pipeline.trajectories.sampler_density) or leave the "
+            "correction out."
         )
     return np.asarray(weights - density)

@@ -1,11 +1,11 @@
 """From draws under many tilts to the weight of each draw under none: the density of states over what was drawn.
 
-The draws come from mu exp(omega_s . phi) / Z_s for S tilts. The estimate of mu that makes all draws together most likely
-puts on draw n the weight
+The draws come from mu exp(omega_s . phi) / Z_s for S tilts. The estimate of mu that makes all draws together most
+likely puts on draw n the weight
     w_n = 1 / sum_s N_s exp(omega_s . phi_n - log Z_s),  Z_s = sum_n w_n exp(omega_s . phi_n),
 the multistate Bennett acceptance ratio (Shirts and Chodera 2008, equations 11 and 13). The log Z_s are the minimum of a
-convex function, found by Newton's method. Once the weights are known, Z(omega) of *any* omega is a weighted sum, and the
-draws with their log weights are a choice set over which Boltzmann is what it would be over all trajectories.
+convex function, found by Newton's method. Once the weights are known, Z(omega) of *any* omega is a weighted sum, and
+the draws with their log weights are a choice set over which Boltzmann is what it would be over all trajectories.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray, matrix, vector
+from pipeline.choice.validation import matrix, vector
 from pipeline.errors import ArgumentError, StageError
 
 TOLERANCE = 1e-8  # largest relative error of an expected count
@@ -75,8 +76,9 @@ def base_weights(
     sizes = vector("counts", counts, length=len(tilts)).astype(np.intp)
     if sizes.sum() != len(rows) or sizes.min() < 1 or tilts.shape[1] != rows.shape[1] or tilts[0].any():
         raise ArgumentError(
-            f"counts sums to {sizes.sum()} for {len(rows)} rows of features, the least count is {sizes.min()}, and the first "
-            f"omega is {tilts[0].tolist()}; one positive count per tilt is needed, summing to the rows, and a first omega of zero."
+            f"counts sums to {sizes.sum()} for {len(rows)} rows of features, the least count is {sizes.min()}, and the "
+            f"first omega is {tilts[0].tolist()}; one positive count per tilt is needed, summing to the rows, and a "
+            "first omega of zero."
         )
     log_z = np.zeros(len(tilts)) if start is None else vector("start", start, length=len(tilts)).copy()
     every = -(-len(rows) // most_rows)

@@ -7,15 +7,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.replay.features import FeatureSet
 from pipeline.replay.replay import Surface, replay
 
-Array = NDArray[np.float64]
-
 
 def assessment(
-    features: FeatureSet, scales: Array, surface: str | None
-) -> Callable[[Array], tuple[Array, NDArray[np.bool_]]]:
+    features: FeatureSet, scales: FloatArray, surface: str | None
+) -> Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]:
     """A function from waypoints (N, T, J) to scaled features (N, F) and whether the surface is cleared (N,).
 
     Args:
@@ -28,7 +27,7 @@ def assessment(
     """
     top = None if surface is None else Surface(features.scene, surface)
 
-    def assess(waypoints: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def assess(waypoints: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         values = np.empty((len(waypoints), len(features.names)))
         clear = np.ones(len(waypoints), dtype=bool)
         for motion in replay(features.scene, waypoints):

@@ -1,16 +1,16 @@
 """How probable any trajectory is under each sampler of the box, demonstrations included.
 
-As they stand the samplers draw from thin sets: five half waves, one via point, a few planned paths. A demonstration lies on none of
-them, and two of these sets have no common density. So a sampler is given a declared *jitter*: independent normal noise on
-the coefficients of the choice space's half waves. The jittered sampler has a density with respect to those
+As they stand the samplers draw from thin sets: five half waves, one via point, a few planned paths. A demonstration
+lies on none of them, and two of these sets have no common density. So a sampler is given a declared *jitter*:
+independent normal noise on the coefficients of the choice space's half waves. The jittered sampler has a density with respect to those
 coefficients everywhere, in closed form but for one integral over the time of the via point:
 
 - deformation: normal, with the variances of the jitter and of the deformation added;
 - via-point: for a given time the coefficients lie on a segment per joint; a uniform along it convolved with the jitter;
 - planner: the mean over its paths of normals; mixture: the weighted sum of its parts.
 
-What rejection removes changes each by a constant that all trajectories in the space share. A mixture is rejected as a whole, so
-that is true of it as well. The densities are those of `jittered` draws; without the jitter they are an approximation.
+What rejection removes changes each by a constant that all trajectories in the space share. A mixture is rejected as a whole,
+so that is true of it as well. The densities are those of `jittered` draws; without the jitter they are an approximation.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.exploration.choice_space import ChoiceSpace
-from pipeline.trajectories.paths import Anchor, Array, natural_bump, require_positive, sine_basis, straight_path
+from pipeline.trajectories.paths import Anchor, natural_bump, require_positive, sine_basis, straight_path
 from pipeline.trajectories.samplers import Deformation, Mixture, Planner, Sampler, ViaPoint
 
 JITTER = 0.1  # of a unit of the base measure
@@ -29,14 +30,14 @@ _TIMES = 64  # Gauss-Legendre nodes over the time of the via point
 
 def jittered(
     sampler: Sampler, rng: np.random.Generator, space: ChoiceSpace, count: int, jitter: float = JITTER
-) -> Array:
+) -> FloatArray:
     """Raw draws of a sampler as coefficients (count, K, J), with jitter; nothing is rejected."""
     require_positive("jitter", jitter)
     z = space.encode(sampler.sample(rng, space.anchor, count, space.n_waypoints))
     return np.asarray(z + jitter * rng.standard_normal(z.shape))
 
 
-def log_density(sampler: Sampler, z: Array, space: ChoiceSpace, jitter: float = JITTER) -> Array:
+def log_density(sampler: Sampler, z: FloatArray, space: ChoiceSpace, jitter: float = JITTER) -> FloatArray:
     """Log density (N,) of the jittered sampler at coefficients (N, K, J), with respect to dz.
 
     Args:
@@ -68,7 +69,7 @@ def log_density(sampler: Sampler, z: Array, space: ChoiceSpace, jitter: float = 
     )
 
 
-def _variance(sampler: Deformation, space: ChoiceSpace, jitter: float) -> Array:
+def _variance(sampler: Deformation, space: ChoiceSpace, jitter: float) -> FloatArray:
     """(K, 1) of the coefficients under a jittered deformation."""
     wave = sampler.width_rad * sine_basis(space.n_waypoints, sampler.modes, sampler.decay)
     shared = min(sampler.modes, space.modes)
@@ -78,12 +79,12 @@ def _variance(sampler: Deformation, space: ChoiceSpace, jitter: float) -> Array:
     return variance
 
 
-def _log_normal(z: Array, variance: Array) -> Array:
+def _log_normal(z: FloatArray, variance: FloatArray) -> FloatArray:
     return np.asarray((-0.5 * z**2 / variance - 0.5 * np.log(2 * np.pi * variance)).sum(axis=(1, 2)))
 
 
-def _log_via(sampler: ViaPoint, z: Array, space: ChoiceSpace, jitter: float) -> Array:
-    """log of the mean over via times of prod_j (1/2r) int_-r^r N(z_j; a c, jitter^2 I) da, c the bump's coefficients."""
+def _log_via(sampler: ViaPoint, z: FloatArray, space: ChoiceSpace, jitter: float) -> FloatArray:
+    """log of the mean over via times of prod_j (1/2r) int_-r^r N(z_j; a c, jitter^2 I) da, c those of the bump."""
     nodes, weights = np.polynomial.legendre.leggauss(_TIMES)
     early, late = sampler.when
     peaks = early + (late - early) * (nodes + 1) / 2
@@ -101,7 +102,7 @@ def _log_via(sampler: ViaPoint, z: Array, space: ChoiceSpace, jitter: float) -> 
     return np.asarray(logsumexp(terms + np.log(weights / 2)[:, None], axis=0))
 
 
-def _log_between(low: Array, high: Array) -> Array:
+def _log_between(low: FloatArray, high: FloatArray) -> FloatArray:
     """log(Phi(high) - Phi(low)), in whichever tail it is."""
     flip = low > 0
     low, high = np.where(flip, -high, low), np.where(flip, -low, high)

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
-from pipeline.trajectories.paths import Array
 from pipeline.trajectories.sampler_density import jittered, log_density
 from pipeline.trajectories.samplers import Deformation, Mixture, Planner, Sampler, ViaPoint
 from tests.support.toy_space import ANCHOR, WAYPOINTS, toy_space
@@ -53,7 +53,7 @@ def test_an_unknown_sampler_is_refused() -> None:
     class Given:
         name = "given"
 
-        def sample(self, rng: np.random.Generator, anchor: object, count: int, n_waypoints: int) -> Array:
+        def sample(self, rng: np.random.Generator, anchor: object, count: int, n_waypoints: int) -> FloatArray:
             raise NotImplementedError
 
     with pytest.raises(ArgumentError, match="'given' has no known density"):

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
-from pipeline.trajectories.paths import Array, require_positive
+from pipeline.trajectories.paths import require_positive
 
 Keys = NDArray[np.int64]
 
@@ -24,7 +25,7 @@ GRID_FEATURES = 4  # with more, a grid has more cells than a search can fill
 class Cells(Protocol):
     """How feature space is cut."""
 
-    def locate(self, features: Array) -> tuple[Keys, Array]:
+    def locate(self, features: FloatArray) -> tuple[Keys, FloatArray]:
         """(N, F) -> the cell of each row (N,) and its squared distance (N,) to the cell's centre."""
 
 
@@ -41,7 +42,7 @@ class Grid:
     def __post_init__(self) -> None:
         require_positive("width", self.width)
 
-    def locate(self, features: Array) -> tuple[Keys, Array]:
+    def locate(self, features: FloatArray) -> tuple[Keys, FloatArray]:
         """See `Cells`.
 
         Raises:
@@ -74,23 +75,23 @@ class Centroids:
         points: (C, F), see `spread`.
     """
 
-    def __init__(self, points: Array) -> None:
+    def __init__(self, points: FloatArray) -> None:
         self.points = np.array(points, dtype=np.float64)
         self.points.setflags(write=False)
         self._tree = cKDTree(self.points)
 
-    def locate(self, features: Array) -> tuple[Keys, Array]:
+    def locate(self, features: FloatArray) -> tuple[Keys, FloatArray]:
         """See `Cells`."""
         distance, index = self._tree.query(features)
         return np.asarray(index, dtype=np.int64), np.asarray(distance**2, dtype=np.float64)
 
 
-def spread(features: Array, count: int) -> Array:
+def spread(features: FloatArray, count: int) -> FloatArray:
     """`count` of the rows (N, F), each the one furthest from those before: even over whatever the rows cover.
 
     The first is the row nearest the mean. Fewer come back if there are fewer distinct rows.
 
-    Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", Theoretical Computer Science 38 (1985).
+    Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", Theoret. Comput. Sci. 38 (1985).
     """
     picked = [int(((features - features.mean(axis=0)) ** 2).sum(axis=1).argmin())]
     nearest = ((features - features[picked[0]]) ** 2).sum(axis=1)
@@ -123,21 +124,21 @@ class Archive:
         return self._count
 
     @property
-    def z(self) -> Array:
+    def z(self) -> FloatArray:
         """(C, K, J) coefficients of the elites."""
         return self._z[: self._count]
 
     @property
-    def features(self) -> Array:
+    def features(self) -> FloatArray:
         """(C, F) features of the elites."""
         return self._features[: self._count]
 
     @property
-    def visits(self) -> Array:
+    def visits(self) -> FloatArray:
         """(C,) members that fell into each cell."""
         return self._visits[: self._count]
 
-    def add(self, z: Array, features: Array, visits: Array | None = None) -> int:
+    def add(self, z: FloatArray, features: FloatArray, visits: FloatArray | None = None) -> int:
         """Add members of the space; return how many cells are new.
 
         Args:
@@ -204,11 +205,13 @@ class Archive:
         return slot, new
 
 
-def _precedes(distance: Array, features: Array, held: Array, held_features: Array) -> NDArray[np.bool_]:
+def _precedes(
+    distance: FloatArray, features: FloatArray, held: FloatArray, held_features: FloatArray
+) -> NDArray[np.bool_]:
     """Whether each (distance, features) comes before what is held, in lexicographic order."""
     before = distance < held
     tied = distance == held
     for column, held_column in zip(features.T, held_features.T, strict=True):
         before |= tied & (column < held_column)
         tied &= column == held_column
-    return before
+    return np.asarray(before, dtype=np.bool_)

@@ -17,11 +17,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.measures import squared_steps
 from pipeline.trajectories.paths import (
     Anchor,
-    Array,
     frozen,
     require_anchor_within,
     require_positive,
@@ -30,7 +30,7 @@ from pipeline.trajectories.paths import (
     within_limits,
 )
 
-Assess = Callable[[Array], tuple[Array, NDArray[np.bool_]]]
+Assess = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
 """(N, T, J) waypoints to (N, F) scaled features and (N,) whether the scene allows each: one replay for both."""
 
 MARGIN = 1.25  # how much more effort than the most wasteful demonstration the default bound allows
@@ -58,14 +58,14 @@ class ChoiceSpace:
 
     anchor: Anchor
     n_waypoints: int
-    lower: Array
-    upper: Array
+    lower: FloatArray
+    upper: FloatArray
     assess: Assess
     effort_multiple: float
     width_rad: float = 0.3
     modes: int = 8
     decay: float = 2.0
-    largest_step: Array | None = None
+    largest_step: FloatArray | None = None
 
     def __post_init__(self) -> None:
         require_positive("width_rad", self.width_rad)
@@ -82,7 +82,8 @@ class ChoiceSpace:
             step = np.abs(np.diff(self.line, axis=0)).max(axis=0)
             if self.largest_step.shape != step.shape or (step > self.largest_step).any():
                 raise ArgumentError(
-                    f"largest_step is {self.largest_step}; the straight path needs {step} from one waypoint to the next."
+                    f"largest_step is {self.largest_step}; the straight path needs {step} from one waypoint to the "
+                    "next."
                 )
 
     @property
@@ -91,17 +92,17 @@ class ChoiceSpace:
         return self.anchor.start.size
 
     @cached_property
-    def line(self) -> Array:
+    def line(self) -> FloatArray:
         """(T, J) the straight path."""
         return straight_path(self.anchor, self.n_waypoints)
 
     @cached_property
-    def basis(self) -> Array:
+    def basis(self) -> FloatArray:
         """(K, T) the half waves in rad per unit of z."""
         return np.asarray(self.width_rad * sine_basis(self.n_waypoints, self.modes, self.decay))
 
     @cached_property
-    def stiffness(self) -> Array:
+    def stiffness(self) -> FloatArray:
         """(K,) c_k, the effort of one unit of z_k."""
         return np.asarray((np.diff(self.basis, axis=1) ** 2).sum(axis=1))
 
@@ -115,17 +116,17 @@ class ChoiceSpace:
         """The bound, rad^2."""
         return self.effort_multiple * self.least_effort
 
-    def effort(self, z: Array) -> Array:
+    def effort(self, z: FloatArray) -> FloatArray:
         """(N, K, J) -> (N,) sum of squared joint steps, rad^2, without building the path."""
         return np.asarray(self.least_effort + (z**2).sum(axis=2) @ self.stiffness)
 
-    def decode(self, z: Array) -> Array:
+    def decode(self, z: FloatArray) -> FloatArray:
         """(N, K, J) -> waypoints (N, T, J); both ends are the anchor's to the last bit."""
         by_joint = np.ascontiguousarray(np.moveaxis(z, 2, 0)).reshape(-1, self.modes) @ self.basis
         paths = by_joint.reshape(self.joints, len(z), self.n_waypoints) + self.line.T[:, None]
         return np.moveaxis(paths, 0, 2)
 
-    def encode(self, waypoints: Array) -> Array:
+    def encode(self, waypoints: FloatArray) -> FloatArray:
         """(N, T, J) -> (N, K, J), the nearest member of the family to each path's deviation from *its own* line.
 
         A recorded path does not start and end exactly where the space does, so its ends take no part.
@@ -135,7 +136,7 @@ class ChoiceSpace:
         square = (self.basis**2).sum(axis=1)
         return np.asarray(np.einsum("kt,ntj->nkj", self.basis / square[:, None], waypoints - own))
 
-    def evaluate(self, z: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def evaluate(self, z: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Features (N, F) and membership (N,) of coefficients (N, K, J); a non-member's features are NaN.
 
         The cheap tests come first: effort, then limits and speed, then the replay.
@@ -153,13 +154,13 @@ class ChoiceSpace:
         features[~inside] = np.nan
         return features, inside
 
-    def draw_base(self, rng: np.random.Generator, count: int, attempts: int = 1000) -> tuple[Array, Array]:
+    def draw_base(self, rng: np.random.Generator, count: int, attempts: int = 1000) -> tuple[FloatArray, FloatArray]:
         """`count` draws from the base measure cut to the space, by rejection: z (count, K, J), features (count, F).
 
         Raises:
             ArgumentError: fewer than `count` members in `attempts` rounds of `count` draws.
         """
-        found: list[tuple[Array, Array]] = []
+        found: list[tuple[FloatArray, FloatArray]] = []
         missing = count
         for _ in range(attempts):
             z = rng.standard_normal((count, self.modes, self.joints))
@@ -167,10 +168,12 @@ class ChoiceSpace:
             found.append((z[inside], features[inside]))
             missing -= int(inside.sum())
             if missing <= 0:
-                return tuple(np.concatenate(parts)[:count] for parts in zip(*found, strict=True))  # type: ignore[return-value]
+                kept_z, kept_features = zip(*found, strict=True)
+                return np.concatenate(kept_z)[:count], np.concatenate(kept_features)[:count]
         raise ArgumentError(
             f"width_rad is {self.width_rad:g} and effort_multiple {self.effort_multiple:g}; only {count - missing} of "
-            f"{count * attempts} draws of this base measure are in the space, so make the width smaller or the bound larger."
+            f"{count * attempts} draws of this base measure are in the space, so make the width smaller or the bound "
+            "larger."
         )
 
     def declaration(self) -> dict[str, float | int | list[float] | None]:
@@ -190,7 +193,7 @@ class ChoiceSpace:
         }
 
 
-def default_effort_multiple(demonstrations: Array, margin: float = MARGIN) -> float:
+def default_effort_multiple(demonstrations: FloatArray, margin: float = MARGIN) -> float:
     """The default bound: `margin` times the effort of the most wasteful demonstration, rounded up to a tenth.
 
     Each demonstration (N, T, J) is compared with the straight path between its own ends.
@@ -205,8 +208,8 @@ def default_effort_multiple(demonstrations: Array, margin: float = MARGIN) -> fl
     return math.ceil(round(10 * margin * float((squared_steps(demonstrations) / least).max()), 9)) / 10
 
 
-def default_width(demonstrations: Array) -> float:
-    """The default width of the base measure: root mean square deviation (rad) of demonstrations from their own lines."""
+def default_width(demonstrations: FloatArray) -> float:
+    """The default width of the base measure: rms deviation (rad) of demonstrations from their own straight paths."""
     s = np.linspace(0.0, 1.0, demonstrations.shape[1])[None, :, None]
     own = demonstrations[:, :1] + s * (demonstrations[:, -1:] - demonstrations[:, :1])
     return float(np.sqrt(((demonstrations - own) ** 2).mean()))

@@ -1,7 +1,7 @@
 """Quality-diversity search: fill a map of the feature space from seeds, rarely visited cells first.
 
 Source: Mouret and Clune, "Illuminating search spaces by mapping elites", arXiv 1504.04909; parents by few visits as in
-the curiosity and count-based selections that Cully and Demiris compare (IEEE Transactions on Evolutionary Computation, 2018).
+the curiosity and count-based selections that Cully and Demiris compare (IEEE Trans. Evolutionary Computation, 2018).
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.exploration.archive import Archive, Cells
 from pipeline.trajectories.exploration.choice_space import ChoiceSpace
 from pipeline.trajectories.exploration.variation import Variation
-from pipeline.trajectories.paths import Array
 
-Interest = Callable[[Array], Array]
+Interest = Callable[[FloatArray], FloatArray]
 """(N, F) features to (N,) positive weights: how much a cell matters to whoever asks."""
 
 BATCH = 2000
@@ -70,7 +70,7 @@ class Exploration:
 
 def explore(
     space: ChoiceSpace,
-    seeds: Array,
+    seeds: FloatArray,
     rng: np.random.Generator,
     evaluations: int,
     cells: Cells,
@@ -93,7 +93,7 @@ def explore(
         cells: how feature space is cut.
         interest: see above.
         variation: how children are made.
-        start: an exploration over the same cells to go on with, which is changed; `evaluations` counts those it has had.
+        start: an exploration over the same cells to go on with, which is changed; `evaluations` counts its own too.
         progress: called with (evaluations so far, cells so far) after each batch.
 
     Raises:
@@ -126,7 +126,7 @@ def explore(
     return Exploration(archive, tuple(growth))
 
 
-def _parents(rng: np.random.Generator, archive: Archive, weights: Array) -> NDArray[np.intp]:
+def _parents(rng: np.random.Generator, archive: Archive, weights: FloatArray) -> NDArray[np.intp]:
     """(BATCH,) rows of the archive; those that have joined since `weights` were computed wait for the next."""
     rare = 1 / np.sqrt(1 + archive.visits)
     if not len(weights):
@@ -135,12 +135,12 @@ def _parents(rng: np.random.Generator, archive: Archive, weights: Array) -> NDAr
     return np.concatenate([_drawn(rng, rare, BATCH - BATCH // 2), _drawn(rng, wanted, BATCH // 2)])
 
 
-def _drawn(rng: np.random.Generator, chances: Array, count: int) -> NDArray[np.intp]:
+def _drawn(rng: np.random.Generator, chances: FloatArray, count: int) -> NDArray[np.intp]:
     total = np.cumsum(chances)
     rows = np.searchsorted(total, rng.random(count) * total[-1], side="right")
     return np.asarray(np.minimum(rows, len(chances) - 1))
 
 
-def seeds_around(space: ChoiceSpace, waypoints: Sequence[Array]) -> Array:
-    """Coefficients (N, K, J) of trajectories (n, T, J) each, such as samplers' draws, planned optima and demonstrations."""
+def seeds_around(space: ChoiceSpace, waypoints: Sequence[FloatArray]) -> FloatArray:
+    """Coefficients (N, K, J) of trajectories (n, T, J) each: samplers' draws, planned optima, demonstrations."""
     return np.concatenate([space.encode(np.asarray(paths, dtype=np.float64)) for paths in waypoints])

@@ -7,9 +7,9 @@ so that the effective sample size stays at a declared share, and then moves them
 (Cotter, Roberts, Stuart and White 2013, equation 4.8) about the walkers' mean m,
     z' = m + sqrt(1 - s^2) (z - m) + s xi,  xi ~ N(0, I),
 which leave N(m, I) as it is; a step inside the space is accepted with min(1, exp(omega . (phi' - phi) - m . (z' - z))).
-The draws of all steps of all thetas are pooled by `pipeline.choice.reweighting`, which is far more exact than the product of
-the steps' own ratios. Moves about a Gaussian whose *covariance* is fitted to the walkers were tried and rejected: they accept
-more, and are wrong at equal cost (docs/choice_space.md has the figures).
+The draws of all steps of all thetas are pooled by `pipeline.choice.reweighting`, which is far more exact than the product
+of the steps' own ratios. Moves about a Gaussian whose *covariance* is fitted to the walkers were tried and rejected:
+they accept more, and are wrong at equal cost (docs/choice_space.md has the figures).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.exploration.choice_space import ChoiceSpace
-from pipeline.trajectories.paths import Array
 
 _RECORD_EVERY = 4  # sweeps; draws in between are nearly the same
 _STEPS = (0.02, 1.0)  # least and greatest s
@@ -65,11 +65,11 @@ class TiltedDraws:
         evaluations: trajectories looked at.
     """
 
-    omegas: Array
-    features: Array
-    counts: Array
-    log_normalisers: Array
-    walkers: Array
+    omegas: FloatArray
+    features: FloatArray
+    counts: FloatArray
+    log_normalisers: FloatArray
+    walkers: FloatArray
     evaluations: int
 
     def merged(self, *others: TiltedDraws) -> TiltedDraws:
@@ -82,7 +82,7 @@ class TiltedDraws:
 
 def temper(
     space: ChoiceSpace,
-    thetas: Array,
+    thetas: FloatArray,
     largest_beta: float,
     rng: np.random.Generator,
     tempering: Tempering = Tempering(),
@@ -146,7 +146,9 @@ def temper(
 class _Walkers:
     """R populations of N walkers, each at its own tilt."""
 
-    def __init__(self, space: ChoiceSpace, omega: Array, z: Array, features: Array, sizes: Array) -> None:
+    def __init__(
+        self, space: ChoiceSpace, omega: FloatArray, z: FloatArray, features: FloatArray, sizes: FloatArray
+    ) -> None:
         self.space, self.omega, self.z, self.features, self.sizes = space, omega, z, features, sizes
         self._centre = z.mean(axis=1, keepdims=True)
         self._log_ratio = self._relative(z, features)
@@ -164,16 +166,16 @@ class _Walkers:
         self._log_ratio[accepted] = log_ratio[accepted]
         self.sizes = np.clip(self.sizes * np.exp(0.5 * (accepted.mean(axis=1) - acceptance)), *_STEPS)
 
-    def _relative(self, z: Array, features: Array) -> Array:
+    def _relative(self, z: FloatArray, features: FloatArray) -> FloatArray:
         """(R, N) log of the tilted measure relative to the Gaussian N(centre, I) that the moves leave as it is."""
         shift = np.einsum("rkj,rnkj->rn", self._centre[:, 0], z)
         return np.asarray(np.einsum("rf,rnf->rn", self.omega, features) - shift)
 
 
-def _next_step(rewards: Array, room: Array, share: float) -> Array:
+def _next_step(rewards: FloatArray, room: FloatArray, share: float) -> FloatArray:
     """(R,) the largest step in beta, at most `room`, that keeps Kish's effective size at a share of the walkers."""
 
-    def effective(step: Array) -> Array:
+    def effective(step: FloatArray) -> FloatArray:
         log_w = step[:, None] * rewards
         w = np.exp(log_w - log_w.max(axis=1, keepdims=True))
         return np.asarray(w.sum(axis=1) ** 2 / (w**2).sum(axis=1) / rewards.shape[1])
@@ -187,7 +189,7 @@ def _next_step(rewards: Array, room: Array, share: float) -> Array:
     return np.where(whole, room, low)
 
 
-def _resampled(rng: np.random.Generator, log_w: Array) -> tuple[Array, Array]:
+def _resampled(rng: np.random.Generator, log_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Systematic resampling: rows picked (R, N), and log of the mean weight (R,)."""
     peak = log_w.max(axis=1, keepdims=True)
     total = np.cumsum(np.exp(log_w - peak), axis=1)

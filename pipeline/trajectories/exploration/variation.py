@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.trajectories.paths import Array
+from pipeline.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,9 @@ class Variation:
     difference: float = 0.3
     shrink: float = 0.3
 
-    def children(self, rng: np.random.Generator, parents: Array, others: Array, unit_rad: float) -> Array:
+    def children(
+        self, rng: np.random.Generator, parents: FloatArray, others: FloatArray, unit_rad: float
+    ) -> FloatArray:
         """One child per parent.
 
         Args:
@@ -50,7 +52,7 @@ class Variation:
         """
         count, modes, joints = parents.shape
 
-        def some(chance: float) -> Array:
+        def some(chance: float) -> FloatArray:
             return (rng.random((count, 1, 1)) < chance).astype(np.float64)
 
         shrunk = 1 - some(self.shrink) * (1 - rng.uniform(0.6, 1.05, (count, 1, 1)))
