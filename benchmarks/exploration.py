@@ -2,12 +2,14 @@
 
 For each task: independent explorations, each seeded by another sampler's set of 1,000 (`shifted_alternatives.parquet`
 of a finished project under --data), their disagreement under both models, coverage of credible sets on choices
-simulated from one exploration and inferred with another, and cost. With --people (a folder with one folder of MCAP files a condition,
+simulated from one exploration and inferred with another, and cost. With --people (a folder with one
+folder of MCAP files a condition,
 named after its task, such as laptop2) the same on those recordings, and the held-out scores of the two models.
 
 Fixed before the runs that are reported: the bound on effort (1.25 times the most wasteful demonstration, up to the next
 tenth), the width of the base measure (the demonstrations' root mean square deviation), cells and kernel of 0.05 (1/36
-of the bound on scaled efficiency where that is more), 1,000,000 evaluations of the map beside a million of the tempering.
+of the bound on scaled efficiency where that is more), 1,000,000 evaluations of the map beside a
+million of the tempering.
 """
 
 from __future__ import annotations

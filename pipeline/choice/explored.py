@@ -155,7 +155,8 @@ def sampling_corrected(log_w: ArrayLike, log_proposal: ArrayLike, what: str = "a
     """Log weights less the log density with which each trajectory was drawn (McFadden 1978, positive conditioning).
 
     The chosen trajectory is corrected by *its own* density too, even if it was not drawn. A density that is zero means
-    that the sampler never offers the trajectory; no correction exists then, and it is an error rather than a large weight.
+    that the sampler never offers the trajectory; no correction exists then, and it is an error rather than a large
+    weight.
 
     Args:
         log_w: (N,) log weights of a model.

@@ -2,15 +2,17 @@
 
 As they stand the samplers draw from thin sets: five half waves, one via point, a few planned paths. A demonstration
 lies on none of them, and two of these sets have no common density. So a sampler is given a declared *jitter*:
-independent normal noise on the coefficients of the choice space's half waves. The jittered sampler has a density with respect to those
+independent normal noise on the coefficients of the choice space's half waves. The jittered sampler has a density with
+respect to those
 coefficients everywhere, in closed form but for one integral over the time of the via point:
 
 - deformation: normal, with the variances of the jitter and of the deformation added;
 - via-point: for a given time the coefficients lie on a segment per joint; a uniform along it convolved with the jitter;
 - planner: the mean over its paths of normals; mixture: the weighted sum of its parts.
 
-What rejection removes changes each by a constant that all trajectories in the space share. A mixture is rejected as a whole,
-so that is true of it as well. The densities are those of `jittered` draws; without the jitter they are an approximation.
+What rejection removes changes each by a constant that all trajectories in the space share. A mixture is rejected as a
+whole, so that is true of it as well. The densities are those of `jittered` draws; without the jitter they are an
+approximation.
 """
 
 from __future__ import annotations

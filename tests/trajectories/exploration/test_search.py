@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,8 @@ SPACE = toy_space(4.0)
 SEEDS = seeds_around(SPACE, [SPACE.line[None]])
 
 
-def explored(evaluations: int, seed: int = 0, **options: object) -> Exploration:
-    return explore(SPACE, SEEDS, np.random.default_rng(seed), evaluations, Grid(0.1), **options)  # type: ignore[arg-type]
+def explored(evaluations: int, seed: int = 0, **options: Any) -> Exploration:
+    return explore(SPACE, SEEDS, np.random.default_rng(seed), evaluations, Grid(0.1), **options)
 
 
 def test_equal_streams_give_equal_maps_and_others_do_not() -> None:
