@@ -8,8 +8,8 @@ so that the effective sample size stays at a declared share, and then moves them
     z' = m + sqrt(1 - s^2) (z - m) + s xi,  xi ~ N(0, I),
 which leave N(m, I) as it is; a step inside the space is accepted with min(1, exp(omega . (phi' - phi) - m . (z' - z))).
 The draws of all steps of all thetas are pooled by `pipeline.choice.reweighting`, which is far more exact than the
-product of the steps' own ratios. Moves about a Gaussian whose *covariance* is fitted to the walkers were tried and rejected:
-they accept more, and are wrong at equal cost (docs/choice_space.md has the figures).
+product of the steps' own ratios. Moves about a Gaussian whose *covariance* is fitted to the walkers were tried and
+rejected: they accept more, and are wrong at equal cost (docs/choice_space.md has the figures).
 """
 
 from __future__ import annotations
