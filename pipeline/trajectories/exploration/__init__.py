@@ -1,0 +1,1 @@
+"""Covering the space of trajectories that a person could have chosen, and weighing it."""
