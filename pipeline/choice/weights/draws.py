@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.choice.logspace import log_sum_exp
+from pipeline.choice.metrics import angle_to
 from pipeline.choice.validation import FloatArray, matrix, read_only, vector
 from pipeline.choice.weights.pareto import GOOD, effective_draws
 from pipeline.choice.weights.prior import WeightPrior
@@ -84,8 +85,7 @@ class WeightDraws:
         """Probability that theta lies nearer to `direction` than the given one: beyond 0.9 it is outside `cap(0.9)`."""
         wanted = vector("theta", theta, length=self.omega.shape[1])
         mean = self.direction
-        angle = 2 * np.arctan2(*(np.linalg.norm(mean + sign * wanted / np.linalg.norm(wanted)) for sign in (-1, 1)))
-        return float(self.weight[self._angles(mean) < angle].sum())
+        return float(self.weight[self._angles(mean) < angle_to(mean, wanted)].sum())
 
     def interval(self, level: float) -> FloatArray:
         """(F, 2) central interval of each weight."""

@@ -18,6 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.validation import FloatArray, vector
@@ -32,7 +34,7 @@ from pipeline.choice.weights.laplace import (
     student_log_density,
 )
 from pipeline.choice.weights.pareto import pareto_smoothed
-from pipeline.choice.weights.prior import WeightPrior
+from pipeline.choice.weights.prior import DEFAULT, WeightPrior
 from pipeline.errors import ArgumentError
 
 DRAWS = 1024
@@ -51,7 +53,7 @@ class GroupPrior:
             feature. The default is log-spaced from 0.1 (people are all but alike) to 31.6.
     """
 
-    weights: WeightPrior = WeightPrior()
+    weights: WeightPrior = DEFAULT
     spreads: tuple[float, ...] = tuple(float(s) for s in np.geomspace(0.1, 10**1.5, 11).round(3))
 
     def __post_init__(self) -> None:
@@ -64,6 +66,9 @@ class GroupPrior:
         mu = self.weights.draw(rng, 1, features)[0]
         spread = float(rng.choice(np.array(self.spreads)))
         return mu, spread, mu + spread * rng.standard_normal((people, features))
+
+
+DEFAULT_GROUP = GroupPrior()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +100,6 @@ class GroupDraws:
 
         Along the group's direction a person's weights are N(|mu|, s^2), so it is the mean of Phi(-|mu| / s).
         """
-        from scipy.special import ndtr
-
         return float(self.group.weight @ ndtr(-self.group.beta / self.spread))
 
     def _of(self, omega: FloatArray) -> WeightDraws:
@@ -104,7 +107,7 @@ class GroupDraws:
 
 
 def sample_group(
-    rng: np.random.Generator, people: Sequence[Choices], prior: GroupPrior = GroupPrior(), count: int = DRAWS
+    rng: np.random.Generator, people: Sequence[Choices], prior: GroupPrior = DEFAULT_GROUP, count: int = DRAWS
 ) -> GroupDraws:
     """The joint posterior over a group's weights, its spread and its people's weights.
 
@@ -138,13 +141,15 @@ def sample_group(
     return GroupDraws(WeightDraws(mu, log_weight, pareto_k, evidence), spread, omega)
 
 
-def _allotted(log_evidence: FloatArray, count: int) -> FloatArray:
+def _allotted(log_evidence: FloatArray, count: int) -> NDArray[np.intp]:
     """(C,) how many draws each cell of scale and spread gets."""
     share = np.maximum(np.exp(log_evidence - log_sum_exp(log_evidence)), _LEAST_SHARE)
-    return np.asarray(np.maximum(np.round(count * share / share.sum()).astype(int), 1))
+    return np.asarray(np.maximum(np.round(count * share / share.sum()).astype(np.intp), 1))
 
 
-def _outer_draws(rng: np.random.Generator, modes: JointModes, counts: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _outer_draws(
+    rng: np.random.Generator, modes: JointModes, counts: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
     size = modes.mu.shape[1]
     mu = [
         student_draws(lattice(rng, int(number), size + 1), mean, curvature)
@@ -153,7 +158,7 @@ def _outer_draws(rng: np.random.Generator, modes: JointModes, counts: FloatArray
     return np.concatenate(mu), np.repeat(modes.spread, counts)
 
 
-def _log_proposal(modes: JointModes, counts: FloatArray, mu: FloatArray, spread: FloatArray) -> FloatArray:
+def _log_proposal(modes: JointModes, counts: NDArray[np.intp], mu: FloatArray, spread: FloatArray) -> FloatArray:
     """(S,) log of the probability of the spread times the density of mu given it, all scales of the prior together."""
     log_share = np.log(counts / counts.sum())
     found = np.empty(len(mu))

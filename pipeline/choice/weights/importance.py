@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.validation import FloatArray
@@ -17,7 +18,7 @@ from pipeline.choice.weights.choices import Choices
 from pipeline.choice.weights.draws import WeightDraws
 from pipeline.choice.weights.laplace import Modes, find_modes, lattice, student_draws, student_log_density
 from pipeline.choice.weights.pareto import pareto_smoothed
-from pipeline.choice.weights.prior import WeightPrior
+from pipeline.choice.weights.prior import DEFAULT, WeightPrior
 from pipeline.errors import ArgumentError
 
 DRAWS = 4096
@@ -25,7 +26,7 @@ _LEAST_SHARE = 0.02  # of the draws around each mode, however little evidence it
 
 
 def sample_weights(
-    rng: np.random.Generator, choices: Choices, prior: WeightPrior = WeightPrior(), count: int = DRAWS
+    rng: np.random.Generator, choices: Choices, prior: WeightPrior = DEFAULT, count: int = DRAWS
 ) -> WeightDraws:
     """The posterior over omega given all demonstrations together.
 
@@ -55,7 +56,7 @@ def sample_weights(
     modes = modes_by_scale(choices, prior)
     share = np.exp(modes.log_evidence - log_sum_exp(modes.log_evidence))
     share = np.maximum(share, _LEAST_SHARE)
-    counts = np.maximum(np.round(count * share / share.sum()).astype(int), 1)
+    counts = np.maximum(np.round(count * share / share.sum()).astype(np.intp), 1)
     omega = np.concatenate(
         [
             student_draws(lattice(rng, size, choices.features + 1), mean, curvature)
@@ -73,7 +74,7 @@ def modes_by_scale(choices: Choices, prior: WeightPrior) -> Modes:
     return find_modes(choices, np.zeros((len(tau), choices.features)), tau)
 
 
-def _log_proposal(modes: Modes, counts: FloatArray, omega: FloatArray) -> FloatArray:
+def _log_proposal(modes: Modes, counts: NDArray[np.intp], omega: FloatArray) -> FloatArray:
     """(S,) log density of the mixture; every draw counts as drawn from the mixture as a whole."""
     log_share = np.log(counts / counts.sum())
     parts = [

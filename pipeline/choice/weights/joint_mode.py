@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.choice.validation import FloatArray
 from pipeline.choice.weights.choices import Choices
@@ -112,17 +113,17 @@ def _newton_step(
     right = s2 * gradient_omega + step_mu[:, None]
     step_omega = np.linalg.solve(relative, right[..., None])[..., 0]
     gain = 0.5 * ((gradient_mu * step_mu).sum(axis=1) + (gradient_omega * step_omega).sum(axis=(1, 2)))
-    return step_mu, step_omega, gain, schur
+    return np.asarray(step_mu), np.asarray(step_omega), np.asarray(gain), np.asarray(schur)
 
 
 def _log_evidence(state: _State, schur: FloatArray, spread: FloatArray) -> FloatArray:
-    cells, people, size = state.omega.shape
+    people, size = state.omega.shape[1:]
     precision = np.eye(size) / (spread**2)[:, None, None, None] + state.curvature
     log_volume = np.linalg.slogdet(precision)[1].sum(axis=1) + np.linalg.slogdet(schur)[1]
     return np.asarray(state.value + 0.5 * (people + 1) * size * math.log(2 * math.pi) - 0.5 * log_volume)
 
 
-def _replaced(state: _State, rows: FloatArray, new: _State, kept: FloatArray) -> _State:
+def _replaced(state: _State, rows: NDArray[np.intp], new: _State, kept: NDArray[np.bool_]) -> _State:
     parts = []
     for name in ("mu", "omega", "value", "gradient", "curvature"):
         values = getattr(state, name).copy()

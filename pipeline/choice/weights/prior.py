@@ -51,3 +51,6 @@ class WeightPrior:
         """(count, features) weights."""
         tau = rng.choice(np.array(self.scales), size=count)
         return np.asarray(tau[:, None] * rng.standard_normal((count, features)))
+
+
+DEFAULT = WeightPrior()
