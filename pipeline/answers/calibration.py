@@ -1,0 +1,310 @@
+"""Would these demonstrations tell? People are simulated on the user's own alternatives and inferred back.
+
+Truths are drawn from the prior (or given), choices from a model, and the posterior of each model is taken. Where a model
+infers what it chose itself, the place of the truth in its posterior is uniform between 0 and 1, whatever the alternatives:
+that is simulation-based calibration. Where the pool that people choose from is wider than the alternatives, or the models
+differ, the same numbers say what that costs.
+
+Source: Talts, Betancourt, Simpson, Vehtari and Gelman (2018), Validating Bayesian inference algorithms with
+simulation-based calibration, arXiv 1804.06788.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from pipeline.choice.metrics import angle_to
+from pipeline.choice.models import Model
+from pipeline.choice.validation import FloatArray, matrix
+from pipeline.choice.weights import Choices, GroupPrior, WeightDraws, WeightPrior, sample_group, sample_weights
+from pipeline.choice.weights.held_out import leave_one_out
+from pipeline.choice.weights.hierarchy import DEFAULT_GROUP
+from pipeline.choice.weights.prior import DEFAULT
+from pipeline.errors import ArgumentError
+
+LEVEL = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Recovery:
+    """What R simulated repetitions came to, people choosing by one model and inferred by another.
+
+    Attributes:
+        truth: (R, F) the weights that people had.
+        place: (R, F) posterior probability of a smaller weight than the true one, for each weight.
+        beta_place: (R,) the same for beta.
+        direction_place: (R,) posterior probability of a direction nearer to the mean one than the true one.
+        angle: (R,) rad, between the mean direction and the true one.
+        cap: (R,) rad, within which the direction lies with probability 0.9, as the posterior says.
+        width: (R, F) of the central 0.9 interval of each weight.
+        log_evidence: (R,) of the inferring model.
+        held_out: (R,) mean held-out log score of a demonstration, NaN for a single one.
+        pareto_k: (R,) of the draws.
+    """
+
+    truth: FloatArray
+    place: FloatArray
+    beta_place: FloatArray
+    direction_place: FloatArray
+    angle: FloatArray
+    cap: FloatArray
+    width: FloatArray
+    log_evidence: FloatArray
+    held_out: FloatArray
+    pareto_k: FloatArray
+
+    def coverage(self, level: float = LEVEL) -> float:
+        """How often the truth was among the `level` nearest directions."""
+        return float((self.direction_place <= level).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Whether demonstrations tell two models apart.
+
+    Attributes:
+        log_bayes_factor: (R,) log evidence of the model that people chose by, less that of the other.
+        held_out: (R,) the same difference in mean held-out score.
+    """
+
+    log_bayes_factor: FloatArray
+    held_out: FloatArray
+
+    @property
+    def favoured(self) -> float:
+        """How often the evidence is on the side of the model that people chose by."""
+        return float((self.log_bayes_factor > 0).mean())
+
+    def told(self, odds: float = 10.0) -> float:
+        """How often it is so by at least these odds."""
+        return float((self.log_bayes_factor > np.log(odds)).mean())
+
+    def misled(self, odds: float = 10.0) -> float:
+        """How often the other model is favoured by at least these odds."""
+        return float((self.log_bayes_factor < -np.log(odds)).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Every pair of a model that people choose by and one that infers.
+
+    Attributes:
+        recoveries: by (chosen by, inferred by).
+    """
+
+    recoveries: dict[tuple[str, str], Recovery]
+
+    def comparison(self, chosen_by: str, other: str) -> Comparison:
+        """Whether people who choose by the one are told from those of the other."""
+        own, wrong = self.recoveries[chosen_by, chosen_by], self.recoveries[chosen_by, other]
+        return Comparison(own.log_evidence - wrong.log_evidence, own.held_out - wrong.held_out)
+
+
+def calibrate(
+    rng: np.random.Generator,
+    models: dict[str, Model],
+    alternatives: ArrayLike,
+    demonstrations: int,
+    repetitions: int,
+    prior: WeightPrior = DEFAULT,
+    truths: ArrayLike | None = None,
+    pool: ArrayLike | None = None,
+    count: int = 1024,
+) -> Calibration:
+    """Simulate people on these alternatives under each model, and infer them under each.
+
+    Args:
+        rng: random stream.
+        models: by label.
+        alternatives: (N, F) scaled features that inference knows of.
+        demonstrations: n, of each repetition.
+        repetitions: R for each model.
+        prior: of inference, from which the truths are drawn.
+        truths: (R, F) weights that people have, if not drawn from the prior, e.g. draws of a posterior.
+        pool: (M, F) what people choose from if not the alternatives; each of their choices joins these.
+        count: draws of each posterior.
+
+    Raises:
+        ArgumentError: an argument is out of range.
+    """
+    rows = matrix("alternatives", alternatives)
+    options = rows if pool is None else matrix("pool", pool, columns=rows.shape[1])
+    if demonstrations < 1 or repetitions < 1:
+        raise ArgumentError(f"demonstrations is {demonstrations} and repetitions {repetitions}; both must be >= 1.")
+    given = None if truths is None else matrix("truths", truths, columns=rows.shape[1])
+    found: dict[tuple[str, str], list[_One]] = {}
+    log_w = {label: model.weigh(rows).log_w for label, model in models.items()}
+    for label, model in models.items():
+        option_log_w = model.weigh(options).log_w
+        for repetition in range(repetitions):
+            truth = prior.draw(rng, 1, rows.shape[1])[0] if given is None else given[repetition % len(given)]
+            chosen = choose(rng, truth, options, option_log_w, demonstrations)
+            for other, inferring in models.items():
+                if pool is None:
+                    choices = Choices(rows, log_w[other], rows[chosen], log_w[other][chosen])
+                else:
+                    choices = Choices.outside(inferring, options[chosen], rows)
+                draws = sample_weights(rng, choices, prior, count)
+                found.setdefault((label, other), []).append(_One.of(draws, choices, truth))
+    return Calibration({pair: _together(some) for pair, some in found.items()})
+
+
+def choose(
+    rng: np.random.Generator, omega: FloatArray, alternatives: FloatArray, log_w: FloatArray, count: int
+) -> np.ndarray:
+    """(count,) rows chosen independently with probabilities softmax(omega . phi + log_w)."""
+    utility = alternatives @ omega + log_w
+    p = np.exp(utility - utility.max())
+    return np.asarray(rng.choice(len(p), size=count, p=p / p.sum()))
+
+
+@dataclass(frozen=True, eq=False)
+class _One:
+    """One repetition; names as in `Recovery`."""
+
+    truth: FloatArray
+    place: FloatArray
+    beta_place: float
+    direction_place: float
+    angle: float
+    cap: float
+    width: FloatArray
+    log_evidence: float
+    held_out: float
+    pareto_k: float
+
+    @classmethod
+    def of(cls, draws: WeightDraws, choices: Choices, truth: FloatArray) -> _One:
+        interval = draws.interval(LEVEL)
+        several = choices.count > 1
+        held_out = leave_one_out(draws, choices.log_likelihood(draws.omega)).score.mean if several else np.nan
+        return cls(
+            truth,
+            draws.weight @ (draws.omega < truth),
+            float(draws.weight @ (draws.beta < np.linalg.norm(truth))),
+            draws.within(truth),
+            angle_to(draws.direction, truth),
+            draws.cap(LEVEL),
+            interval[:, 1] - interval[:, 0],
+            draws.log_evidence,
+            held_out,
+            draws.pareto_k,
+        )
+
+
+def _together(some: list[_One]) -> Recovery:
+    names = Recovery.__dataclass_fields__
+    return Recovery(**{name: np.array([getattr(one, name) for one in some]) for name in names})
+
+
+@dataclass(frozen=True, eq=False)
+class GroupRecovery:
+    """Places of the truth in the posteriors of simulated groups, each uniform if the inference is right.
+
+    Attributes:
+        group_place: (R, F) of the group's weights.
+        spread_place: (R,) of the spread, ties broken at random.
+        person_place: (R, P, F) of each person's weights.
+        next_place: (R, F) of the weights of someone new from the group.
+        pareto_k: (R,) of the draws.
+    """
+
+    group_place: FloatArray
+    spread_place: FloatArray
+    person_place: FloatArray
+    next_place: FloatArray
+    pareto_k: FloatArray
+
+
+def calibrate_group(
+    rng: np.random.Generator,
+    model: Model,
+    alternatives: ArrayLike,
+    people: int,
+    demonstrations: int,
+    repetitions: int,
+    prior: GroupPrior = DEFAULT_GROUP,
+    count: int = 512,
+) -> GroupRecovery:
+    """Simulate groups of people with `demonstrations` each, drawn from the prior, and infer them.
+
+    Arguments are those of `calibrate`; `people` is how many a group has.
+    """
+    rows = matrix("alternatives", alternatives)
+    log_w = model.weigh(rows).log_w
+    parts = list(zip(*_groups(rng, rows, log_w, people, demonstrations, repetitions, prior, count), strict=True))
+    return GroupRecovery(*(np.array(values) for values in parts))
+
+
+def _groups(
+    rng: np.random.Generator,
+    rows: FloatArray,
+    log_w: FloatArray,
+    people: int,
+    demonstrations: int,
+    repetitions: int,
+    prior: GroupPrior,
+    count: int,
+) -> Iterator[tuple[FloatArray, float, FloatArray, FloatArray, float]]:
+    for _ in range(repetitions):
+        mu, spread, omega = prior.draw(rng, people + 1, rows.shape[1])
+        chosen = [choose(rng, person, rows, log_w, demonstrations) for person in omega[:-1]]
+        draws = sample_group(rng, [Choices(rows, log_w, rows[c], log_w[c]) for c in chosen], prior, count)
+        weight = draws.group.weight
+        below, same = weight @ (draws.spread < spread), weight @ (draws.spread == spread)
+        yield (
+            weight @ (draws.group.omega < mu),
+            float(below + rng.random() * same),
+            np.einsum("s,spf->pf", weight, draws.people < omega[:-1]),
+            weight @ (draws.next_person(rng).omega < omega[-1]),
+            draws.group.pareto_k,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Flatness:
+    """A histogram of places between 0 and 1 against what chance allows.
+
+    Attributes:
+        counts: (B,) in equal bins.
+        lower, upper: counts within which every bin of a flat histogram falls, together with probability 0.99.
+        p_value: of Pearson's chi-square against flatness.
+    """
+
+    counts: FloatArray
+    lower: float
+    upper: float
+    p_value: float
+
+    @property
+    def flat(self) -> bool:
+        """Whether every bin is within the band."""
+        return bool(np.all((self.counts >= self.lower) & (self.counts <= self.upper)))
+
+
+def flatness(places: ArrayLike, bins: int = 10) -> Flatness:
+    """Whether places of the truth are uniform, as those of a calibrated posterior are.
+
+    Raises:
+        ArgumentError: there are fewer than five places for each bin, or one is not between 0 and 1.
+    """
+    values = np.asarray(places, dtype=np.float64)
+    if values.ndim != 1 or bins < 2 or len(values) < 5 * bins:
+        raise ArgumentError(
+            f"places has shape {values.shape}; one axis with at least {5 * bins} for {bins} bins is needed."
+        )
+    if not np.all((values >= 0) & (values <= 1 + 1e-9)):
+        raise ArgumentError("places must lie between 0 and 1.")
+    counts = np.bincount(np.minimum((values * bins).astype(int), bins - 1), minlength=bins).astype(np.float64)
+    number = np.arange(len(values) + 1)
+    cumulative = special.bdtr(number, len(values), 1 / bins)
+    tail = 0.01 / (2 * bins)
+    lower, upper = np.searchsorted(cumulative, [tail, 1 - tail])
+    expected = len(values) / bins
+    chi_square = float(((counts - expected) ** 2).sum() / expected)
+    return Flatness(counts, float(lower), float(upper), float(special.chdtrc(bins - 1, chi_square)))
