@@ -1,8 +1,9 @@
 """How well the rest of a motion is predicted: errors of the end effector and log scores that all methods share.
 
 A prediction is a weighted set of possible positions over the remaining time; straight-on and nearest-neighbour
-predictions have one member. Its density is a mixture of normals around the members, whose width is chosen on other people, for
-every method alike: a method that knows its uncertainty gains, and one that has none is not refused.
+predictions have one member. Its density is a mixture of Student t's around the members, whose width is chosen on other
+people, for every method alike: a method that knows its uncertainty gains, and one that has none is not refused. The tails
+are heavy, or one person who does something else would decide the comparison.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import special
 
 from pipeline.choice.logspace import log, log_sum_exp
 from pipeline.choice.validation import FloatArray
 from pipeline.errors import ArgumentError
 
+FREEDOM = 3.0  # degrees of freedom of the densities around each possible position
 WIDTHS_M = tuple(float(width) for width in np.geomspace(0.005, 0.5, 21))
 
 
@@ -56,7 +59,9 @@ class Forecast:
     def log_score(self, width_m: float) -> float:
         """Log density, per waypoint, of where it was (nats; m^-3): the mean over waypoints of the log mixture density."""
         squared = ((self.positions - self.actual) ** 2).sum(axis=2)
-        log_kernel = -squared / (2 * width_m**2) - 1.5 * np.log(2 * np.pi * width_m**2)
+        log_peak = special.gammaln(FREEDOM / 2 + 1.5) - special.gammaln(FREEDOM / 2)
+        log_peak -= 1.5 * np.log(FREEDOM * np.pi * width_m**2)
+        log_kernel = log_peak - (FREEDOM + 3) / 2 * np.log1p(squared / (FREEDOM * width_m**2))
         return float(log_sum_exp(log_kernel + log(self.probabilities)[:, None], axis=0).mean())
 
 
