@@ -22,7 +22,7 @@ def main() -> None:
         for seed in range(first, first + seeds):
             setup = make(kind, seed)
             seconds, answer = timed(assess, np.random.default_rng([seed, 1]), setup.case)
-            verdict, missed = judge(answer.numbers), setup.missed(answer.group.group, answer.scale)
+            verdict, missed = judge(answer.numbers), setup.missed(answer)
             found[verdict.trust, missed] += 1
             took += seconds
             if kind.startswith("sound"):

@@ -7,8 +7,9 @@ people fit these alternatives. What is not given is not checked, and the verdict
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -20,7 +21,15 @@ from pipeline.choice import LESS, Boltzmann, select_bandwidth
 from pipeline.choice.models import Model
 from pipeline.choice.prediction import effective_alternatives, predictive, predictive_check
 from pipeline.choice.validation import FloatArray
-from pipeline.choice.weights import Choices, GroupDraws, GroupPrior, WeightDraws, sample_group, sample_weights
+from pipeline.choice.weights import (
+    Choices,
+    GroupDraws,
+    GroupPrior,
+    WeightDraws,
+    WeightPrior,
+    sample_group,
+    sample_weights,
+)
 from pipeline.choice.weights.held_out import leave_one_out
 from pipeline.choice.weights.hierarchy import DEFAULT_GROUP
 
@@ -36,6 +45,7 @@ class Case:
         demonstrations: (n, F).
         people: (n,) who gave each demonstration.
         other_samplers: sets (M, F) drawn by other samplers from the same choice space; none if there are none.
+        end_gap: see `checks.end_gap`; None if it was not looked at.
         repetitions: simulated repetitions for the coverage; 0 leaves it unchecked.
     """
 
@@ -43,16 +53,35 @@ class Case:
     demonstrations: FloatArray
     people: Sequence[str]
     other_samplers: tuple[FloatArray, ...] = ()
+    end_gap: float | None = None
     repetitions: int = 40
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The group's weights on scaled features, how they were found, and the numbers for the verdict."""
+    """What a case comes to.
+
+    Attributes:
+        group: the group's weights on scaled features.
+        scale: (F,) what features are divided by.
+        ways: the same weights computed in other ways, by name: models, explorations, samplers, bandwidths, scales, prior.
+        numbers: for the verdict.
+    """
 
     group: GroupDraws
     scale: FloatArray
+    ways: Mapping[str, tuple[WeightDraws, ...]]
     numbers: Numbers
+
+    def cap(self, level: float) -> float:
+        """Angle (rad) around the answer's direction that holds theta with probability `level` whichever way it is computed."""
+        return widest_cap(self.group.group, self.ways, level)
+
+
+def widest_cap(answer: WeightDraws, ways: Mapping[str, tuple[WeightDraws, ...]], level: float) -> float:
+    """The widest of the answer's own cap and those of the other ways around its direction (rad)."""
+    everything = [answer, *chain.from_iterable(ways.values())]
+    return max(draws.cap(level, about=answer.direction) for draws in everything)
 
 
 def assess(rng: np.random.Generator, case: Case, prior: GroupPrior = DEFAULT_GROUP) -> Answer:
@@ -66,26 +95,15 @@ def assess(rng: np.random.Generator, case: Case, prior: GroupPrior = DEFAULT_GRO
     group = sample_group(rng, each, prior, count=512)
     answer = group.group
     pooled = sample_weights(rng, together, prior.weights, 2048)
-
-    def other(model: Model, alternatives: FloatArray) -> WeightDraws:
-        return sample_weights(rng, Choices.outside(model, chosen, alternatives), prior.weights, 1024)
-
-    halves = rng.permutation(len(rows)) % 2
-    parts = [other(LESS(), rows[halves == half]) for half in (0, 1)] if len(rows) >= 8 else []
-    likely, by_scale = pooled.by_scale(prior.weights)
+    ways = _other_ways(rng, case, scale, sigma, pooled, prior.weights)
+    departures = {name: departure(answer, some) for name, some in ways.items()}
     numbers = Numbers(
+        **departures,
         pareto_k=answer.pareto_k,
         effective_draws=answer.effective,
         stated=float(np.abs(stated_signs(answer)).sum()),
-        cap_deg=math.degrees(answer.cap(0.9)),
-        models=departure(answer, [other(Boltzmann(), rows)]),
-        explorations=departure(answer, parts) if parts else None,
-        samplers=departure(answer, [other(LESS(), more / scale) for more in case.other_samplers])
-        if case.other_samplers
-        else None,
-        bandwidths=departure(answer, [other(LESS(factor * sigma), rows) for factor in (0.5, 2.0)]),
-        scales=departure(answer, [_scaled_otherwise(rng, case, scale, prior)]),
-        prior=departure(answer, [part for part, p in zip(by_scale, likely, strict=True) if p >= _LIKELY]),
+        cap_deg=math.degrees(widest_cap(answer, ways, 0.9)),
+        ends=case.end_gap,
         outside=outside_share(chosen, rows),
         surprise=_surprise(together, pooled),
         alternatives=effective_alternatives(predictive(rows, together.log_w, pooled.omega, pooled.weight)),
@@ -93,16 +111,40 @@ def assess(rng: np.random.Generator, case: Case, prior: GroupPrior = DEFAULT_GRO
         coverage=_coverage(rng, case, scale, sigma, group, prior) if case.repetitions else None,
         edge=edge_probability(pooled, prior.weights),
     )
-    return Answer(group, scale, numbers)
+    return Answer(group, scale, ways, numbers)
 
 
-def _scaled_otherwise(rng: np.random.Generator, case: Case, scale: FloatArray, prior: GroupPrior) -> WeightDraws:
+def _other_ways(
+    rng: np.random.Generator, case: Case, scale: FloatArray, sigma: float, pooled: WeightDraws, prior: WeightPrior
+) -> dict[str, tuple[WeightDraws, ...]]:
+    """All demonstrations together under everything else that might have been chosen; names as in `Numbers`."""
+    rows, chosen = case.alternatives / scale, case.demonstrations / scale
+
+    def other(model: Model, alternatives: FloatArray) -> WeightDraws:
+        return sample_weights(rng, Choices.outside(model, chosen, alternatives), prior, 1024)
+
+    likely, by_scale = pooled.by_scale(prior)
+    found = {
+        "models": (other(Boltzmann(), rows),),
+        "bandwidths": tuple(other(LESS(factor * sigma), rows) for factor in (0.5, 2.0)),
+        "scales": (_scaled_otherwise(rng, case, scale, prior),),
+        "prior": tuple(part for part, p in zip(by_scale, likely, strict=True) if p >= _LIKELY),
+    }
+    if len(rows) >= 8:
+        half = rng.permutation(len(rows)) % 2
+        found["explorations"] = tuple(other(LESS(), rows[half == part]) for part in (0, 1))
+    if case.other_samplers:
+        found["samplers"] = tuple(other(LESS(), more / scale) for more in case.other_samplers)
+    return found
+
+
+def _scaled_otherwise(rng: np.random.Generator, case: Case, scale: FloatArray, prior: WeightPrior) -> WeightDraws:
     """With features scaled by their standard deviation; its weights in the units of the answer."""
     by_std = case.alternatives.std(axis=0)
     # the prior speaks of ranges: a standard deviation is a fraction of one
     by_std = by_std * np.exp(np.log(scale / by_std).mean())
     draws = sample_weights(
-        rng, Choices.outside(LESS(), case.demonstrations / by_std, case.alternatives / by_std), prior.weights, 1024
+        rng, Choices.outside(LESS(), case.demonstrations / by_std, case.alternatives / by_std), prior, 1024
     )
     return WeightDraws(draws.omega * (scale / by_std), draws.log_weight, draws.pareto_k, draws.log_evidence)
 

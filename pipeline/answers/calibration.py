@@ -43,7 +43,7 @@ class Recovery:
         cap: (R,) rad, within which the direction lies with probability 0.9, as the posterior says.
         width: (R, F) of the central 0.9 interval of each weight.
         log_evidence: (R,) of the inferring model.
-        held_out: (R,) mean held-out log score of a demonstration, NaN for a single one.
+        held_out: (R,) mean held-out log score of a demonstration; NaN for a single one, and where one model alone is tried.
         pareto_k: (R,) of the draws.
     """
 
@@ -138,19 +138,20 @@ def calibrate(
         raise ArgumentError(f"demonstrations is {demonstrations} and repetitions {repetitions}; both must be >= 1.")
     given = None if truths is None else matrix("truths", truths, columns=rows.shape[1])
     found: dict[tuple[str, str], list[_One]] = {}
-    log_w = {label: model.weigh(rows).log_w for label, model in models.items()}
+    weights = {label: model.weigh(rows) for label, model in models.items()}
     for label, model in models.items():
         option_log_w = model.weigh(options).log_w
         for repetition in range(repetitions):
             truth = prior.draw(rng, 1, rows.shape[1])[0] if given is None else given[repetition % len(given)]
             chosen = choose(rng, truth, options, option_log_w, demonstrations)
-            for other, inferring in models.items():
+            for other, weighing in weights.items():
                 if pool is None:
-                    choices = Choices(rows, log_w[other], rows[chosen], log_w[other][chosen])
+                    choices = Choices(rows, weighing.log_w, rows[chosen], weighing.log_w[chosen])
                 else:
-                    choices = Choices.outside(inferring, options[chosen], rows)
+                    choices = Choices.joining(weighing, options[chosen], rows)
                 draws = sample_weights(rng, choices, prior, count)
-                found.setdefault((label, other), []).append(_One.of(draws, choices, truth))
+                one = _One.of(draws, choices, truth, with_score=len(models) > 1)
+                found.setdefault((label, other), []).append(one)
     return Calibration({pair: _together(some) for pair, some in found.items()})
 
 
@@ -179,10 +180,10 @@ class _One:
     pareto_k: float
 
     @classmethod
-    def of(cls, draws: WeightDraws, choices: Choices, truth: FloatArray) -> _One:
-        interval = draws.interval(LEVEL)
-        several = choices.count > 1
-        held_out = leave_one_out(draws, choices.log_likelihood(draws.omega)).score.mean if several else np.nan
+    def of(cls, draws: WeightDraws, choices: Choices, truth: FloatArray, with_score: bool) -> _One:
+        interval, held_out = draws.interval(LEVEL), np.nan
+        if with_score and choices.count > 1:
+            held_out = leave_one_out(draws, choices.log_likelihood(draws.omega)).score.mean
         return cls(
             truth,
             draws.weight @ (draws.omega < truth),

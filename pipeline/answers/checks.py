@@ -37,6 +37,28 @@ def contradicted(answer: WeightDraws, other: WeightDraws) -> bool:
     return bool(np.any((signs != 0) & (np.where(signs > 0, other.positive, 1 - other.positive) < 0.5)))
 
 
+def end_gap(demonstrations: FloatArray, alternatives: FloatArray) -> float:
+    """How far people start or end from where the alternatives do, relative to the way from start to goal.
+
+    In space and not in joint angles: an arm with a joint to spare reaches one place in many ways.
+
+    Args:
+        demonstrations: (n, T, 3) m, positions of the end effector.
+        alternatives: (N, T, 3) m; all have the same ends.
+
+    Returns:
+        The median over demonstrations of the greater gap of the two ends.
+
+    Raises:
+        ArgumentError: the alternatives end where they start.
+    """
+    ends, theirs = alternatives[0, [0, -1]], demonstrations[:, [0, -1]]
+    way = float(np.linalg.norm(ends[1] - ends[0]))
+    if not way > 0:
+        raise ArgumentError("alternatives end where they start, so no gap can be compared with their way.")
+    return float(np.median(np.linalg.norm(theirs - ends, axis=2).max(axis=1))) / way
+
+
 def outside_share(demonstrations: ArrayLike, alternatives: ArrayLike) -> float:
     """Share of demonstrations farther from every alternative than 99 of 100 alternatives are from each other.
 

@@ -11,11 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.answers.assessment import Case
+from pipeline.answers.assessment import Answer, Case
 from pipeline.answers.calibration import choose
 from pipeline.answers.words import stated_signs
+from pipeline.choice.metrics import angle_to
 from pipeline.choice.validation import FloatArray
-from pipeline.choice.weights import WeightDraws
+from pipeline.choice.weights import Choices
+from pipeline.choice.weights.laplace import find_modes
 
 _POOL = 6000
 
@@ -34,16 +36,16 @@ class SetUp:
     case: Case
     omega: FloatArray
 
-    def missed(self, answer: WeightDraws, scale: FloatArray) -> bool:
-        """Whether the answer, on features divided by `scale`, misses the truth.
+    def missed(self, answer: Answer) -> bool:
+        """Whether an answer claims what is not so.
 
-        It does if a stated sign is wrong for more than a quarter of the people, or if the direction of their mean weights
-        is outside the 99 % region.
+        It does if a stated sign is not that of the people's mean weight, or is wrong for a third of them, or if the direction
+        of their mean weights is farther from the answer's than the angle within which it lies with probability 0.99.
         """
-        omega = self.omega * scale
-        signs = stated_signs(answer)
-        wrong = ((np.sign(omega) * signs) < 0).mean(axis=0) > 0.25
-        return bool(wrong.any()) or answer.within(omega.mean(axis=0)) > 0.99
+        omega = self.omega * answer.scale
+        mean, signs = omega.mean(axis=0), stated_signs(answer.group.group)
+        wrong = (np.sign(mean) * signs < 0) | ((np.sign(omega) * signs < 0).mean(axis=0) >= 1 / 3)
+        return bool(wrong.any()) or angle_to(answer.group.group.direction, mean) > answer.cap(0.99)
 
 
 def make(kind: str, seed: int) -> SetUp:
@@ -88,7 +90,8 @@ def _sound(rng: np.random.Generator, kind: str, people: int = 24, alternatives: 
     omega = _people(rng, people)
     demonstrations = _demonstrations(rng, omega, region(rng, _POOL))
     others = tuple(_sampled(rng, alternatives) for _ in range(2))
-    case = Case(_sampled(rng, alternatives), demonstrations, [f"p{n}" for n in range(people)], others)
+    names = [f"p{n}" for n in range(people)]
+    case = Case(_sampled(rng, alternatives), demonstrations, names, others, end_gap=0.03)
     return SetUp(kind, case, omega)
 
 
@@ -127,19 +130,23 @@ def _two_groups(rng: np.random.Generator, kind: str) -> SetUp:
 
 
 def _beyond(rng: np.random.Generator, kind: str) -> SetUp:
-    """People do what no alternative does: all their features lie to one side of the region."""
+    """People choose from a space twice as wide in every feature as what the alternatives show of it."""
     sound = _sound(rng, kind)
-    shift = rng.uniform(0.2, 0.6) * np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
-    return replace(sound, case=replace(sound.case, demonstrations=sound.case.demonstrations + shift))
+    wide = rng.uniform(-0.5, 1.5, size=(8 * _POOL, 3))
+    return replace(sound, case=replace(sound.case, demonstrations=_demonstrations(rng, sound.omega, wide)))
 
 
 def _wrong_ends(rng: np.random.Generator, kind: str) -> SetUp:
-    """The alternatives start or end elsewhere: their features are shifted by something small."""
+    """The alternatives start or end elsewhere, which shifts their features; poses tell, features may not.
+
+    A gap of the ends is taken to shift features by half as much, relative to the way and to the features' ranges.
+    """
     sound = _sound(rng, kind)
     shift = rng.uniform(0.08, 0.25, 3) * rng.choice([-1, 1], 3)
     case = sound.case
     moved = tuple(other + shift for other in case.other_samplers)
-    return replace(sound, case=replace(case, alternatives=case.alternatives + shift, other_samplers=moved))
+    case = replace(case, alternatives=case.alternatives + shift, other_samplers=moved)
+    return replace(sound, case=replace(case, end_gap=2 * float(np.linalg.norm(shift))))
 
 
 def _boltzmann_people(rng: np.random.Generator, kind: str) -> SetUp:
@@ -150,13 +157,27 @@ def _boltzmann_people(rng: np.random.Generator, kind: str) -> SetUp:
 
 
 def _hidden_feature(rng: np.random.Generator, kind: str) -> SetUp:
-    """People care most for something that is not among the features, but moves with one of them."""
+    """People care most for something that is not among the features.
+
+    What moves with a feature looks like a wish for that feature, and nothing in the data can tell them apart. The truth is
+    therefore what the features can say: the weights with which people's expected features are what they are.
+    """
     sound = _sound(rng, kind)
     pool = region(rng, _POOL)
     hidden = np.sin(3 * pool @ rng.standard_normal(3)) + pool[:, rng.integers(3)]
-    weight = rng.choice([-1, 1]) * rng.uniform(6, 15)
-    rows = [int(choose(rng, person, pool, weight * hidden, 1)[0]) for person in sound.omega]
-    return replace(sound, case=replace(sound.case, demonstrations=pool[rows]))
+    utility = pool @ sound.omega.T + (rng.choice([-1, 1]) * rng.uniform(6, 15) * hidden)[:, None]
+    p = np.exp(utility - utility.max(axis=0))
+    p /= p.sum(axis=0)
+    rows = [int(rng.choice(_POOL, p=column)) for column in p.T]
+    described = [_described(pool, column) for column in p.T]
+    return SetUp(kind, replace(sound.case, demonstrations=pool[rows]), np.stack(described))
+
+
+def _described(pool: FloatArray, p: FloatArray) -> FloatArray:
+    """(F,) the weights under which the expected features are those of the choices `p` (M,)."""
+    nothing = np.zeros(len(pool))
+    choices = Choices(pool, nothing, (p @ pool)[None], np.zeros(1))
+    return np.asarray(find_modes(choices, np.zeros((1, pool.shape[1])), np.array([100.0])).omega[0])
 
 
 _MAKERS: dict[str, Callable[[np.random.Generator, str], SetUp]] = {

@@ -1,7 +1,7 @@
 """One verdict per task, by stated rules from named numbers: trust, be careful, do not trust.
 
-Each rule asks a question about one number. Whether the answer can be trusted is the worst of the lines: a "no" of a rule
-that guards the truth means do not trust; any other "no" means be careful, and so does a guarding rule that was not checked.
+Each rule asks a question about one number. The verdict is the worst that a line allows: a number beyond a rule's gravest
+bound means do not trust; any other "no" means be careful, and so does a needed rule that was not checked.
 """
 
 from __future__ import annotations
@@ -39,13 +39,14 @@ class Numbers:
         pareto_k: of the draws behind the answer.
         effective_draws: that they are worth.
         stated: preferences whose sign is sure.
-        cap_deg: angle within which the direction lies with probability 0.9.
+        cap_deg: angle within which the direction lies with probability 0.9, whichever way it is computed.
         models: departure of the other choice models.
         explorations: of independent explorations of the choice space, or of halves of the alternatives.
         samplers: of alternatives from other samplers.
         bandwidths: of half and twice the bandwidth.
         scales: of other scales of the features.
         prior: of other scales of the prior.
+        ends: gap between people's ends and those of the alternatives, relative to the way, see `checks.end_gap`.
         outside: share of demonstrations beyond the alternatives.
         surprise: probability of the demonstrations' predictive p values by chance.
         alternatives: effective number that the prediction rests on.
@@ -66,6 +67,7 @@ class Numbers:
     bandwidths: float | None = None
     scales: float | None = None
     prior: float | None = None
+    ends: float | None = None
     outside: float | None = None
     surprise: float | None = None
     alternatives: float | None = None
@@ -83,7 +85,7 @@ class Rule:
     Attributes:
         question: in words.
         least, most: bounds of the number for a yes.
-        guards: whether a "no" means that the truth may be missed: then do not trust.
+        gravest: beyond this, on the side of the "no", do not trust; None if a "no" only calls for care.
         needed: whether trust needs a "yes", so that "not checked" is not enough.
         form: how the number is printed.
     """
@@ -91,28 +93,29 @@ class Rule:
     question: str
     least: float = float("-inf")
     most: float = float("inf")
-    guards: bool = False
+    gravest: float | None = None
     needed: bool = True
     form: str = "{:.2f}"
 
 
 RULES: Mapping[str, Rule] = {
-    "truth": Rule("Is the answer near the truth?", most=0.99, guards=True, needed=False),
+    "truth": Rule("Is the answer near the truth?", most=0.99, gravest=0.99, needed=False),
     "stated": Rule("Is a preference sure enough to be stated?", least=1, form="{:.0f}"),
     "cap_deg": Rule("Is the direction known to better than 45 degrees?", most=45, form="{:.0f} deg"),
-    "pareto_k": Rule("Are the draws' weights well-behaved (Pareto k)?", most=0.7, guards=True),
-    "effective_draws": Rule("Are there enough effective draws?", least=100, guards=True, form="{:.0f}"),
-    "outside": Rule("Do people stay within the alternatives?", most=0.1, guards=True),
-    "alternatives": Rule("Does the answer rest on enough alternatives?", least=30, guards=True, form="{:.0f}"),
-    "surprise": Rule("Do people do what is predicted for them?", least=0.01, guards=True, form="{:.3f}"),
-    "explorations": Rule("Do other explorations agree?", most=0.8, guards=True),
-    "samplers": Rule("Do other samplers agree?", most=0.8, guards=True),
+    "pareto_k": Rule("Are the draws' weights well-behaved (Pareto k)?", most=0.7, gravest=0.7),
+    "effective_draws": Rule("Are there enough effective draws?", least=100, gravest=100, form="{:.0f}"),
+    "ends": Rule("Do people start and end where the alternatives do?", most=0.2, gravest=0.4),
+    "outside": Rule("Do people stay within the alternatives?", most=0.1, gravest=0.25),
+    "alternatives": Rule("Does the answer rest on enough alternatives?", least=30, gravest=15, form="{:.0f}"),
+    "surprise": Rule("Do people do what is predicted for them?", least=0.02, gravest=0.001, form="{:.3f}"),
+    "explorations": Rule("Do other explorations agree?", most=0.7, gravest=0.95),
+    "samplers": Rule("Do other samplers agree?", most=0.7, gravest=0.95),
     "models": Rule("Do the models agree?", most=0.9),
     "bandwidths": Rule("Do other bandwidths agree?", most=0.9),
     "scales": Rule("Do other scales of the features agree?", most=0.9),
     "prior": Rule("Do other priors agree?", most=0.9),
     "disagreement": Rule("Do people want the same?", most=0.1),
-    "coverage": Rule("Do simulated repetitions cover the truth?", least=0.8, guards=True),
+    "coverage": Rule("Do simulated repetitions cover the truth?", least=0.8, gravest=0.6),
     "edge": Rule("Are people less decided than the prior's limit?", most=0.5),
     "remarks": Rule("Were all recordings taken as they are?", most=0, needed=False, form="{:.0f}"),
 }
@@ -173,10 +176,11 @@ def judge(numbers: Numbers, rules: Mapping[str, Rule] = RULES) -> Verdict:
 def _line(name: str, rule: Rule, number: float | None) -> Line:
     if number is None:
         return Line(name, rule.question, Outcome.NOT_CHECKED, None, Trust.CAREFUL if rule.needed else Trust.TRUST)
-    # a NaN is within no bounds, so it is a no
     if rule.least <= number <= rule.most:
         return Line(name, rule.question, Outcome.YES, number, Trust.TRUST)
-    return Line(name, rule.question, Outcome.NO, number, Trust.NOT if rule.guards else Trust.CAREFUL)
+    # a NaN is within no bounds, so it is a no, and as grave as can be
+    grave = rule.gravest is not None and not (rule.gravest <= number < rule.least or rule.most < number <= rule.gravest)
+    return Line(name, rule.question, Outcome.NO, number, Trust.NOT if grave else Trust.CAREFUL)
 
 
 def in_lines(task: str, found: Sequence[Preference], verdict: Verdict, most: int = 10) -> list[str]:

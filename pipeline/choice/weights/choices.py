@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.choice.models import Model
+from pipeline.choice.models import Model, WeightedSet
 from pipeline.choice.validation import FloatArray, matrix, read_only, vector
 from pipeline.errors import ArgumentError
 
@@ -110,8 +110,13 @@ class Choices:
             BandwidthError: the model's bandwidth cannot be selected.
         """
         features = matrix("alternatives", alternatives)
+        return cls.joining(model.weigh(features), demonstrations, features)
+
+    @classmethod
+    def joining(cls, weights: WeightedSet, demonstrations: ArrayLike, alternatives: ArrayLike) -> Choices:
+        """`outside` with weights of the alternatives that are at hand."""
+        features = matrix("alternatives", alternatives)
         chosen = matrix("demonstrations", demonstrations, columns=features.shape[1])
-        weights = model.weigh(features)
         joined = [weights.joined(row[None]) for row in chosen]
         return cls(
             features,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.metrics import angle_to
 from pipeline.choice.validation import FloatArray, matrix, read_only, vector
-from pipeline.choice.weights.pareto import GOOD, effective_draws
+from pipeline.choice.weights.pareto import effective_draws, largest_good_shape
 from pipeline.choice.weights.prior import WeightPrior
 from pipeline.errors import ArgumentError
 
@@ -54,7 +54,7 @@ class WeightDraws:
     @property
     def trusted(self) -> bool:
         """Whether the tail of the weights is short enough and a hundred draws count."""
-        return self.pareto_k <= GOOD and self.effective >= 100
+        return self.pareto_k <= largest_good_shape(len(self.omega)) and self.effective >= 100
 
     @property
     def mean(self) -> FloatArray:
@@ -77,9 +77,10 @@ class WeightDraws:
         mean = self.weight @ self.directions
         return np.asarray(mean / np.linalg.norm(mean))
 
-    def cap(self, level: float) -> float:
-        """Angle (rad) around `direction` within which theta lies with probability `level`."""
-        return float(weighted_quantiles(self._angles(self.direction)[:, None], self.weight, [level])[0, 0])
+    def cap(self, level: float, about: FloatArray | None = None) -> float:
+        """Angle (rad) around `direction`, or another unit vector, within which theta lies with probability `level`."""
+        angles = self._angles(self.direction if about is None else about)
+        return float(weighted_quantiles(angles[:, None], self.weight, [level])[0, 0])
 
     def within(self, theta: ArrayLike) -> float:
         """Probability that theta lies nearer to `direction` than the given one: beyond 0.9 it is outside `cap(0.9)`."""

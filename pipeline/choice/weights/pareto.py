@@ -14,7 +14,10 @@ from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.validation import FloatArray
 from pipeline.errors import ArgumentError
 
-GOOD = 0.7  # above it, or above 1 - 1 / log10(S) for fewer than 2,200 draws, estimates are not to be trusted
+
+def largest_good_shape(count: int) -> float:
+    """Above which shape the weights of so many draws are not to be trusted: 1 - 1 / log10(S), at most 0.7."""
+    return min(0.7, 1 - 1 / math.log10(count))
 
 
 def pareto_smoothed(log_ratios: FloatArray) -> tuple[FloatArray, float]:
@@ -24,7 +27,7 @@ def pareto_smoothed(log_ratios: FloatArray) -> tuple[FloatArray, float]:
         log_ratios: (S,) log of target over proposal, up to a constant.
 
     Returns:
-        (S,) normalised log weights, and the shape k of the tail: below 0.7 the weights can be trusted; infinite if fewer
+        (S,) normalised log weights, and the shape k of the tail: up to `largest_good_shape` they can be trusted; infinite if fewer
         than five ratios differ in the tail, so that no tail can be fitted.
 
     Raises:

@@ -17,9 +17,9 @@ class WeightPrior:
     """omega ~ the equal mixture of N(0, tau^2 I) over the scales tau.
 
     With features scaled by their range over the alternatives, omega_f is the log odds between the two ends of
-    feature f, all else equal. A scale of 0.3 is someone who hardly looks (odds of 1.3), one of 30 someone who all but
-    optimises. The default says that how decided people are is unknown over two orders of magnitude: with three features
-    beta = |omega| lies in 0.19 to 66 with probability 0.9, median 4.6; the grid's betas span 0.01 to 100. The
+    feature f, all else equal. A scale of 0.3 is someone who hardly looks (odds of 1.3), one of 100 someone who all but
+    optimises. The default says that how decided people are is unknown over more than two orders of magnitude: with three
+    features beta = |omega| lies in 0.35 to 190 with probability 0.9, median 7.5; the grid's betas span 0.01 to 100. The
     prior is symmetric, so wishes (positive) and costs (negative) are as probable as each other, and all directions too.
     It is proper and all its moments are finite, which a demonstration at the rim of its set needs: its likelihood does
     not fall as omega grows.
@@ -30,7 +30,7 @@ class WeightPrior:
         scales: standard deviations tau, in nats per unit of scaled feature.
     """
 
-    scales: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0, 30.0)
+    scales: tuple[float, ...] = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 
     def __post_init__(self) -> None:
         scales = vector("scales", self.scales)

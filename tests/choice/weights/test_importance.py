@@ -10,7 +10,7 @@ from pipeline.choice.weights.laplace import find_modes, lattice, student_draws, 
 from pipeline.errors import ArgumentError
 from tests.oracles import slow_weights
 
-PRIOR = WeightPrior()
+PRIOR = WeightPrior((0.3, 1.0, 3.0, 10.0, 30.0))  # what a grid of moderate reach can hold
 MODELS = [Boltzmann(), LESS(0.15)]
 
 
@@ -38,7 +38,7 @@ def test_agrees_with_a_fine_grid(model, features: int, points: int) -> None:
     """Means to 1e-3 of a standard deviation, probabilities and the log evidence to 1e-3."""
     choices = made(model, features)
     omega, p, log_evidence = grid_posterior(choices, points)
-    draws = sample_weights(np.random.default_rng(1), choices, count=400_000)
+    draws = sample_weights(np.random.default_rng(1), choices, PRIOR, count=400_000)
     mean = p @ omega
     deviation = np.sqrt(p @ (omega - mean) ** 2)
     np.testing.assert_allclose(draws.mean / deviation, mean / deviation, atol=1e-3)
@@ -84,7 +84,7 @@ def test_most_draws_count_even_at_the_rim() -> None:
 
 def test_no_information_gives_the_prior_back() -> None:
     alike = Choices.of_rows(Boltzmann(), [0], [[0.5, 0.5], [0.5, 0.5]])
-    draws = sample_weights(np.random.default_rng(0), alike, count=60_000)
+    draws = sample_weights(np.random.default_rng(0), alike, PRIOR, count=60_000)
     assert draws.log_evidence == pytest.approx(np.log(0.5), abs=2e-3)
     np.testing.assert_allclose(draws.positive, 0.5, atol=5e-3)
     expected = np.linalg.norm(PRIOR.draw(np.random.default_rng(1), 200_000, 2), axis=1)
@@ -94,7 +94,7 @@ def test_no_information_gives_the_prior_back() -> None:
 
 def test_each_scale_alone_is_what_its_own_prior_gives() -> None:
     choices = made(Boltzmann(), 3)
-    probabilities, parts = sample_weights(np.random.default_rng(2), choices, count=40_000).by_scale(PRIOR)
+    probabilities, parts = sample_weights(np.random.default_rng(2), choices, PRIOR, count=40_000).by_scale(PRIOR)
     assert probabilities.sum() == pytest.approx(1)
     alone = sample_weights(np.random.default_rng(3), choices, WeightPrior((3.0,)), count=40_000)
     np.testing.assert_allclose(parts[2].mean, alone.mean, atol=0.03)
