@@ -150,10 +150,15 @@ def _wrong_ends(rng: np.random.Generator, kind: str) -> SetUp:
 
 
 def _boltzmann_people(rng: np.random.Generator, kind: str) -> SetUp:
-    """People choose from trajectories as an uneven sampler draws them: the other model is right."""
+    """People choose from trajectories as the analyst's sampler draws them, unevenly: the other model is right.
+
+    Had they an unevenness of their own that no sampler shares, it would look like a preference, and nothing could tell.
+    """
     sound = _sound(rng, kind)
-    demonstrations = _demonstrations(rng, sound.omega, region(rng, _POOL, rng.uniform(1, 5, 3), rng.uniform(1, 5, 3)))
-    return replace(sound, case=replace(sound.case, demonstrations=demonstrations))
+    a, b = rng.uniform(1, 4, size=(2, 3))
+    demonstrations = _demonstrations(rng, sound.omega, region(rng, _POOL, a, b))
+    case = replace(sound.case, alternatives=region(rng, 600, a, b), demonstrations=demonstrations)
+    return replace(sound, case=case)
 
 
 def _hidden_feature(rng: np.random.Generator, kind: str) -> SetUp:

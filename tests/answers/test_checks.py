@@ -53,7 +53,7 @@ def test_surprise_is_a_binomial_tail_for_the_worst_feature() -> None:
 
 
 def test_edges() -> None:
-    assert edge_probability(draws([60.0, 0.0, 0.0])) > 0.9
+    assert edge_probability(draws([300.0, 0.0, 0.0])) > 0.9
     assert edge_probability(draws([2.0, 0.0, 0.0])) < 0.05
     assert grid_edge_probability(np.array([0.1, 0.6, 0.3])) == pytest.approx(0.4)
     with pytest.raises(ArgumentError):

@@ -1,13 +1,15 @@
 """Draws from the posterior over omega, by importance sampling from Student t's around the modes.
 
 Under each scale of the prior the posterior has one mode. The proposal is a mixture of one t around each, in proportion
-to Laplace's evidence, drawn from a shifted lattice; the weights are Pareto smoothed. Chosen by measurement
+to Laplace's evidence, drawn from a shifted lattice; the weights are Pareto smoothed. Where too few draws count, up to three
+rounds more are drawn around those that do. Chosen by measurement
 (`benchmarks/weights.py`): the draws are independent, need no warm-up, and bring the evidence with them.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +19,15 @@ from pipeline.choice.validation import FloatArray
 from pipeline.choice.weights.choices import Choices
 from pipeline.choice.weights.draws import WeightDraws
 from pipeline.choice.weights.laplace import Modes, find_modes, lattice, student_draws, student_log_density
-from pipeline.choice.weights.pareto import pareto_smoothed
+from pipeline.choice.weights.pareto import effective_draws, pareto_smoothed
 from pipeline.choice.weights.prior import DEFAULT, WeightPrior
 from pipeline.errors import ArgumentError
 
 DRAWS = 4096
-_LEAST_SHARE = 0.02  # of the draws around each mode, however little evidence it has: Laplace may be wrong about that
+_ENOUGH = 0.3  # of the draws effective; with fewer, further rounds of as many draws are made where the weights are
+_ROUNDS = 3
+_CENTRES = 40  # of a further round
+_LEAST_SHARE = 0.1  # of the draws around each mode, however little evidence it has: Laplace may be wrong about that
 
 
 def sample_weights(
@@ -42,7 +47,7 @@ def sample_weights(
         rng: random stream; the same stream gives the same draws.
         choices: the demonstrations with their choice sets.
         prior: of omega.
-        count: number of draws, at least 100.
+        count: number of draws of a round, at least 100.
 
     Returns:
         Weighted draws; `pareto_k` and `effective` say how far to trust them.
@@ -53,18 +58,20 @@ def sample_weights(
     """
     if count < 100:
         raise ArgumentError(f"count is {count}; 100 draws or more are needed.")
-    modes = modes_by_scale(choices, prior)
-    share = np.exp(modes.log_evidence - log_sum_exp(modes.log_evidence))
-    share = np.maximum(share, _LEAST_SHARE)
-    counts = np.maximum(np.round(count * share / share.sum()).astype(np.intp), 1)
-    omega = np.concatenate(
-        [
-            student_draws(lattice(rng, size, choices.features + 1), mean, curvature)
-            for size, mean, curvature in zip(counts, modes.omega, modes.curvature, strict=True)
-        ]
-    )
-    log_ratio = choices.total(omega) + prior.log_density(omega) - _log_proposal(modes, counts, omega)
-    log_weight, pareto_k = pareto_smoothed(log_ratio)
+    proposal = _around_modes(choices, prior, count)
+    omega = proposal.draw(rng)
+    log_joint = choices.total(omega) + prior.log_density(omega)
+    for round_number in range(_ROUNDS + 1):
+        # every draw counts as drawn from the mixture of all rounds
+        log_ratio = log_joint - proposal.log_density(omega)
+        log_weight, pareto_k = pareto_smoothed(log_ratio)
+        if effective_draws(log_weight) >= _ENOUGH * len(omega) or round_number == _ROUNDS:
+            break
+        further = _around_draws(rng, omega, log_weight, prior, count)
+        added = further.draw(rng)
+        proposal = proposal + further
+        omega = np.concatenate([omega, added])
+        log_joint = np.concatenate([log_joint, choices.total(added) + prior.log_density(added)])
     return WeightDraws(omega, log_weight, pareto_k, float(log_sum_exp(log_ratio)) - math.log(len(omega)))
 
 
@@ -74,11 +81,79 @@ def modes_by_scale(choices: Choices, prior: WeightPrior) -> Modes:
     return find_modes(choices, np.zeros((len(tau), choices.features)), tau)
 
 
-def _log_proposal(modes: Modes, counts: NDArray[np.intp], omega: FloatArray) -> FloatArray:
-    """(S,) log density of the mixture; every draw counts as drawn from the mixture as a whole."""
-    log_share = np.log(counts / counts.sum())
-    parts = [
-        student_log_density(omega, mean, curvature) + log_part
-        for mean, curvature, log_part in zip(modes.omega, modes.curvature, log_share, strict=True)
-    ]
-    return log_sum_exp(np.stack(parts, axis=1), axis=1)
+@dataclass(frozen=True, eq=False)
+class _Mixture:
+    """Student t's, and how many draws each gives.
+
+    Attributes:
+        mean: (C, F).
+        curvature: (C, F, F).
+        count: (C,).
+    """
+
+    mean: FloatArray
+    curvature: FloatArray
+    count: NDArray[np.intp]
+
+    def __add__(self, other: _Mixture) -> _Mixture:
+        return _Mixture(
+            np.concatenate([self.mean, other.mean]),
+            np.concatenate([self.curvature, other.curvature]),
+            np.concatenate([self.count, other.count]),
+        )
+
+    def draw(self, rng: np.random.Generator) -> FloatArray:
+        """Its draws, in the order of the components."""
+        size = self.mean.shape[1]
+        points = np.concatenate([lattice(rng, int(count), size + 1) for count in self.count])
+        return student_draws(
+            points, np.repeat(self.mean, self.count, axis=0), np.repeat(self.curvature, self.count, axis=0)
+        )
+
+    def log_density(self, omega: FloatArray) -> FloatArray:
+        """(S,) log density at the points (S, F)."""
+        log_share = np.log(self.count / self.count.sum())
+        total = np.full(len(omega), -np.inf)
+        for mean, curvature, log_part in zip(self.mean, self.curvature, log_share, strict=True):
+            np.logaddexp(total, student_log_density(omega, mean, curvature) + log_part, out=total)
+        return total
+
+
+def _around_modes(choices: Choices, prior: WeightPrior, count: int) -> _Mixture:
+    """A t around the mode under each scale, in proportion to Laplace's evidence."""
+    modes = modes_by_scale(choices, prior)
+    share = np.exp(modes.log_evidence - log_sum_exp(modes.log_evidence))
+    return _Mixture(modes.omega, modes.curvature, _whole(count, np.maximum(share, _LEAST_SHARE)))
+
+
+def _around_draws(
+    rng: np.random.Generator, omega: FloatArray, log_weight: FloatArray, prior: WeightPrior, count: int
+) -> _Mixture:
+    """Narrower t's around some of the draws, for a posterior that is no ellipsoid: at the rim of a set it is a cone.
+
+    Source: Cornuet, Marin, Mira and Robert (2012), Adaptive multiple importance sampling, arXiv 0907.1254.
+    """
+    size = omega.shape[1]
+    relative = prior.log_components(omega) - prior.log_density(omega)[:, None]
+    by_scale = np.exp(log_weight[:, None] + relative) / len(prior.scales)
+    parts = []
+    for column, total in zip(by_scale.T, by_scale.sum(axis=0), strict=True):
+        centres = round(_CENTRES * total)
+        if not centres:
+            continue
+        share = column / total
+        mean = share @ omega
+        spread = np.einsum("s,sf,sg->fg", share, omega - mean, omega - mean)
+        width = centres ** (-1 / (size + 4))  # of a kernel density estimate
+        places = (rng.random() + np.arange(centres)) / centres
+        rows = np.minimum(np.searchsorted(np.cumsum(share), places), len(omega) - 1)
+        floor = 1e-12 * np.trace(spread) * np.eye(size)
+        curvature = np.linalg.inv(width**2 * spread + floor)
+        counts = _whole(round(count * total), np.ones(centres))
+        parts.append(_Mixture(omega[rows], np.repeat(curvature[None], centres, axis=0), counts))
+    return sum(parts[1:], start=parts[0])
+
+
+def _whole(count: int, share: FloatArray) -> NDArray[np.intp]:
+    """About `count` draws in proportion to `share`, one at least each."""
+    return np.asarray(np.maximum(np.round(count * share / share.sum()).astype(np.intp), 1))
