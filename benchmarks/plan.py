@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.measuring import show, timed
 from benchmarks.motion_prediction import read
 from pipeline.choice import LESS, Boltzmann
-from pipeline.choice.weights import Choices, sample_group
+from pipeline.choice.weights import Choices, sample_group, weighted_quantiles
 from pipeline.params.reading import load
 from pipeline.replay.planning import Room
 from pipeline.trajectories.best_in_expectation import bounded, plan_in_expectation
@@ -38,20 +38,20 @@ def main() -> None:
         rngs = [child_rng(0, "plan", n) for n in range(12)]
         took, plan = timed(
             plan_in_expectation, rngs, anchor, group.omega, group.weight, assess, lower=lower, upper=upper,
-            n_waypoints=data.people.shape[1], restarts=4, search=Search(iterations=60),
+            n_waypoints=data.people.shape[1], candidates=data.alternatives, restarts=4, search=Search(iterations=60),
         )  # fmt: skip
         best = float((rows @ group.mean).max())
         table.append(
             (
                 model.name, str(group.mean.round(1)), str((rows < plan.features).mean(axis=0).round(2)),
                 f"{plan.expected_reward - best:+.2f}", f"{plan.expected_regret:.2f}",
-                f"{np.quantile(plan.regret, 0.9):.2f}", f"{plan.change.min():.2f} to {plan.change.max():.2f} rad",
+                f"{weighted_quantiles(plan.regret[:, None], group.weight, [0.9])[0, 0]:.2f}", f"{plan.change.min():.2f} to {plan.change.max():.2f} rad",
                 f"{plan.inadmissible:.2f}", f"{took:.1f} s",
             )
         )  # fmt: skip
     columns = (
         "model", "mean weights", "plan's place among alternatives", "reward beyond the best alternative (nat)", "expected regret",
-        "90 % of draws below", "change over the belief", "inadmissible", "time",
+        "90 % below", "change over the belief", "inadmissible", "time",
     )  # fmt: skip
     show(f"{options.task}: {', '.join(data.features.names)}", columns, table)
 

@@ -28,7 +28,7 @@ class Plan:
         features: (F,) scaled.
         expected_reward: over the draws.
         regret: (S,) reward that a draw's own best known trajectory would have more than the plan, >= 0. What is known
-            are the trajectories of this search, so it is a lower bound, tight for the draws that were searched.
+            are the trajectories of this search and the candidates, so it is a lower bound, tight for the draws that were searched.
         expected_regret: its mean under the draws' weights.
         alternatives: (C, T, J) the best trajectory for each searched draw: the plan's spread over the belief.
         alternative_features: (C, F) scaled.
@@ -59,6 +59,7 @@ def plan_in_expectation(
     lower: Array,
     upper: Array,
     n_waypoints: int,
+    candidates: Array | None = None,
     restarts: int = 3,
     search: Search = DEFAULT_SEARCH,
 ) -> Plan:
@@ -75,6 +76,7 @@ def plan_in_expectation(
         assess: (N, T, J) -> (N, F) scaled features and (N,) whether the path is allowed; see `bounded`.
         lower, upper: (J,) joint limits.
         n_waypoints: T.
+        candidates: (C, T, J) paths that are known already, e.g. the alternatives; those that are allowed compete too.
         restarts: searches with the mean weights, >= 1.
         search: how hard to search.
 
@@ -98,20 +100,23 @@ def plan_in_expectation(
     found = optimise_paths(
         rngs, anchor, -wanted / size, assess, lower=lower, upper=upper, n_waypoints=n_waypoints, search=search
     )
-    features = assess(found.waypoints)[0]
+    paths, features = found.waypoints, assess(found.waypoints)[0]
+    if candidates is not None:
+        terms, allowed = assess(candidates)
+        paths, features = np.concatenate([paths, candidates[allowed]]), np.concatenate([features, terms[allowed]])
     best = int((features @ mean).argmax())
     rewards = draws @ features.T
     regret = rewards.max(axis=1) - rewards[:, best]
     own = features @ draws[searched].T  # a draw's best may have been found in another's search
     alternatives = own.argmax(axis=0)
-    change = np.sqrt(((found.waypoints[alternatives] - found.waypoints[best]) ** 2).mean(axis=(1, 2)))
+    change = np.sqrt(((paths[alternatives] - paths[best]) ** 2).mean(axis=(1, 2)))
     return Plan(
-        waypoints=frozen(found.waypoints[best]),
+        waypoints=frozen(paths[best]),
         features=frozen(features[best]),
         expected_reward=float(features[best] @ mean),
         regret=frozen(regret),
         expected_regret=float(share @ regret),
-        alternatives=frozen(found.waypoints[alternatives]),
+        alternatives=frozen(paths[alternatives]),
         alternative_features=frozen(features[alternatives]),
         searched=searched,
         change=frozen(change),

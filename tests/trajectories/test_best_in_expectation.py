@@ -6,9 +6,9 @@ import pytest
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.best_in_expectation import Plan, bounded, plan_in_expectation, spread_rows
 from pipeline.trajectories.optimise import Search
-from pipeline.trajectories.paths import Array
+from pipeline.trajectories.paths import Array, straight_path
 from pipeline.trajectories.random_streams import child_rng
-from tests.trajectories.test_optimise import ANCHOR, FREE, J, T, anything, closed_form, costs
+from tests.trajectories.test_optimise import ANCHOR, FREE, TARGET, J, T, anything, closed_form, costs
 
 OMEGAS = -np.random.default_rng(0).gamma(4.0, 0.25, size=(200, 2))  # both features are costs
 SHARE = np.random.default_rng(1).random(200)
@@ -64,6 +64,22 @@ def test_ends_limits_scene_and_choice_space_hold() -> None:
         lower=-FREE, upper=FREE, n_waypoints=T, restarts=1, search=Search(iterations=60),
     )  # fmt: skip
     assert 0.4 < found.features[0] <= 0.5
+
+
+def test_a_known_path_that_is_better_wins_if_it_is_allowed() -> None:
+    rngs, mean = [child_rng(0, "plan")], np.array([[-0.001, -1.0]])
+    known = np.stack([straight_path(ANCHOR, T)] * 2)
+    known[0, T // 2], known[1, T // 2] = TARGET, TARGET  # a jump that costs next to nothing here
+    known[1, 3, 0] = 99.0
+
+    def assess(waypoints: Array) -> tuple[Array, Array]:
+        return costs(waypoints), waypoints[:, 3, 0] < 50
+
+    found = plan_in_expectation(
+        rngs, ANCHOR, mean, np.ones(1), assess,
+        lower=-FREE, upper=FREE, n_waypoints=T, candidates=known, restarts=1, search=Search(iterations=2),
+    )  # fmt: skip
+    np.testing.assert_array_equal(found.waypoints, known[0])
 
 
 def test_rows_are_spread_over_the_belief() -> None:
