@@ -17,10 +17,10 @@ from pipeline.answers.calibration import calibrate
 from pipeline.answers.checks import departure, edge_probability, outside_share, surprise
 from pipeline.answers.verdict import Numbers
 from pipeline.answers.words import stated_signs
+from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann, select_bandwidth
 from pipeline.choice.models import Model
 from pipeline.choice.prediction import effective_alternatives, predictive, predictive_check
-from pipeline.choice.validation import FloatArray
 from pipeline.choice.weights import (
     Choices,
     GroupDraws,
@@ -164,7 +164,7 @@ def _coverage(
     rows = case.alternatives / scale
     pool = np.concatenate([rows, *(more / scale for more in case.other_samplers)])
     found = calibrate(
-        rng, {"less": LESS(sigma)}, rows, len(case.demonstrations), case.repetitions, prior.weights,
+        rng, {LESS.name: LESS(sigma)}, rows, len(case.demonstrations), case.repetitions, prior.weights,
         truths=group.group.resampled(rng, case.repetitions), pool=pool, count=512,
     )  # fmt: skip
-    return found.recoveries["less", "less"].coverage()
+    return found.recoveries[LESS.name, LESS.name].coverage()

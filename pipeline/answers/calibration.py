@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.metrics import angle_to
 from pipeline.choice.models import Model
-from pipeline.choice.validation import FloatArray, matrix
+from pipeline.choice.validation import matrix
 from pipeline.choice.weights import Choices, GroupPrior, WeightDraws, WeightPrior, sample_group, sample_weights
 from pipeline.choice.weights.held_out import leave_one_out
 from pipeline.choice.weights.hierarchy import DEFAULT_GROUP

@@ -10,8 +10,9 @@ from scipy import special
 from scipy.spatial import cKDTree
 
 from pipeline.answers.words import stated_signs
+from pipeline.arrays import FloatArray
 from pipeline.choice.prediction import PredictiveCheck
-from pipeline.choice.validation import FloatArray, matrix
+from pipeline.choice.validation import matrix
 from pipeline.choice.weights import WeightDraws
 from pipeline.choice.weights.prior import DEFAULT, WeightPrior
 from pipeline.errors import ArgumentError

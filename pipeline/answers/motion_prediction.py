@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log, log_sum_exp
-from pipeline.choice.validation import FloatArray
 from pipeline.errors import ArgumentError
 
 FREEDOM = 3.0  # degrees of freedom of the densities around each possible position

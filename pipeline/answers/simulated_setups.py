@@ -14,8 +14,8 @@ import numpy as np
 from pipeline.answers.assessment import Answer, Case
 from pipeline.answers.calibration import choose
 from pipeline.answers.words import stated_signs
+from pipeline.arrays import FloatArray
 from pipeline.choice.metrics import angle_to
-from pipeline.choice.validation import FloatArray
 from pipeline.choice.weights import Choices
 from pipeline.choice.weights.laplace import find_modes
 

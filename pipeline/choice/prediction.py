@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from pipeline.choice.validation import FloatArray, matrix, vector
+from pipeline.arrays import FloatArray, IndexArray
+from pipeline.choice.validation import matrix, vector
 from pipeline.choice.weights.draws import weighted_quantiles
 from pipeline.errors import ArgumentError
 
@@ -96,7 +97,7 @@ class Likely:
         probability: (M,) of each with its neighbours; none is counted twice.
     """
 
-    rows: NDArray[np.intp]
+    rows: IndexArray
     probability: FloatArray
 
 
@@ -147,7 +148,7 @@ class PredictiveCheck:
     place: FloatArray
     p_value: FloatArray
 
-    def beyond(self, level: float = 0.05) -> NDArray[np.intp]:
+    def beyond(self, level: float = 0.05) -> IndexArray:
         """(F,) how many demonstrations lie beyond the level in each feature; about level x n would by chance."""
         return np.asarray((self.p_value < level).sum(axis=0))
 

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.optimise import Assess, Search, optimise_paths
-from pipeline.trajectories.paths import Anchor, Array, frozen
+from pipeline.trajectories.paths import Anchor, frozen
 
 DEFAULT_SEARCH = Search()
 
@@ -37,29 +37,29 @@ class Plan:
         inadmissible: share of all candidates that left the limits or that the scene does not allow.
     """
 
-    waypoints: Array
-    features: Array
+    waypoints: FloatArray
+    features: FloatArray
     expected_reward: float
-    regret: Array
+    regret: FloatArray
     expected_regret: float
-    alternatives: Array
-    alternative_features: Array
-    searched: NDArray[np.intp]
-    change: Array
+    alternatives: FloatArray
+    alternative_features: FloatArray
+    searched: IndexArray
+    change: FloatArray
     inadmissible: float
 
 
 def plan_in_expectation(
     rngs: Sequence[np.random.Generator],
     anchor: Anchor,
-    omegas: Array,
-    weights: Array,
+    omegas: FloatArray,
+    weights: FloatArray,
     assess: Assess,
     *,
-    lower: Array,
-    upper: Array,
+    lower: FloatArray,
+    upper: FloatArray,
     n_waypoints: int,
-    candidates: Array | None = None,
+    candidates: FloatArray | None = None,
     restarts: int = 3,
     search: Search = DEFAULT_SEARCH,
 ) -> Plan:
@@ -124,21 +124,21 @@ def plan_in_expectation(
     )
 
 
-def bounded(assess: Assess, least: Array, greatest: Array) -> Assess:
+def bounded(assess: Assess, least: FloatArray, greatest: FloatArray) -> Assess:
     """`assess` that also refuses paths whose scaled features leave the box from `least` to `greatest`, both (F,).
 
     Without a bound on effort a belief that people like to waste it has no best path. Give the box of the alternatives, or
     of the declared choice space.
     """
 
-    def inside(waypoints: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def inside(waypoints: FloatArray) -> tuple[FloatArray, BoolArray]:
         features, allowed = assess(waypoints)
         return features, allowed & ((features >= least) & (features <= greatest)).all(axis=1)
 
     return inside
 
 
-def spread_rows(draws: Array, weights: Array, count: int) -> NDArray[np.intp]:
+def spread_rows(draws: FloatArray, weights: FloatArray, count: int) -> IndexArray:
     """(count,) rows at even steps of probability along the direction in which the draws vary most.
 
     Raises:

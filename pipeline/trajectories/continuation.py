@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
-from pipeline.trajectories.paths import Array
 
 
-def spliced(observed: Array, alternatives: Array) -> Array:
+def spliced(observed: FloatArray, alternatives: FloatArray) -> FloatArray:
     """Trajectories that begin as observed and go on like each alternative.
 
     From the last observed waypoint h on, alternative i is followed at the distance at which the motion left it; that
@@ -42,7 +41,7 @@ def spliced(observed: Array, alternatives: Array) -> Array:
     return together
 
 
-def straight_on(observed: Array, goal: Array, n_waypoints: int) -> Array:
+def straight_on(observed: FloatArray, goal: FloatArray, n_waypoints: int) -> FloatArray:
     """(T, J) the observed beginning (h + 1, J), then straight to the goal (J,) at even speed.
 
     Raises:
@@ -57,7 +56,7 @@ def straight_on(observed: Array, goal: Array, n_waypoints: int) -> Array:
     return np.concatenate([seen, rest])
 
 
-def nearest(observed: Array, others: Array) -> int:
+def nearest(observed: FloatArray, others: FloatArray) -> int:
     """The row of `others` (N, T, J) whose beginning is nearest to the observed one, in root mean square distance.
 
     Raises:
@@ -67,7 +66,7 @@ def nearest(observed: Array, others: Array) -> int:
     return int(((paths[:, : len(seen)] - seen) ** 2).sum(axis=(1, 2)).argmin())
 
 
-def prefix_log_kernel(observed: Array, alternatives: Array, width: float) -> NDArray[np.float64]:
+def prefix_log_kernel(observed: FloatArray, alternatives: FloatArray, width: float) -> FloatArray:
     """(N,) -d_i^2 / (2 width^2), d_i the root mean square distance between the beginnings.
 
     Added to the log weights of spliced alternatives it prefers those that began alike: people go on as they began.
@@ -82,7 +81,7 @@ def prefix_log_kernel(observed: Array, alternatives: Array, width: float) -> NDA
     return np.asarray(-squared / (2 * width**2))
 
 
-def _checked(observed: Array, alternatives: Array) -> tuple[Array, Array]:
+def _checked(observed: FloatArray, alternatives: FloatArray) -> tuple[FloatArray, FloatArray]:
     seen, paths = np.asarray(observed, dtype=np.float64), np.asarray(alternatives, dtype=np.float64)
     if paths.ndim != 3 or seen.ndim != 2 or seen.shape[1] != paths.shape[2] or not 1 <= len(seen) < paths.shape[1]:
         raise ArgumentError(

@@ -3,10 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
 from pipeline.trajectories.best_in_expectation import Plan, bounded, plan_in_expectation, spread_rows
 from pipeline.trajectories.optimise import Search
-from pipeline.trajectories.paths import Array, straight_path
+from pipeline.trajectories.paths import straight_path
 from pipeline.trajectories.random_streams import child_rng
 from tests.trajectories.test_optimise import ANCHOR, FREE, TARGET, J, T, anything, closed_form, costs
 
@@ -14,7 +15,7 @@ OMEGAS = -np.random.default_rng(0).gamma(4.0, 0.25, size=(200, 2))  # both featu
 SHARE = np.random.default_rng(1).random(200)
 
 
-def planned(omegas: Array = OMEGAS, weights: Array = SHARE, admissible=anything, draws: int = 3) -> Plan:
+def planned(omegas: FloatArray = OMEGAS, weights: FloatArray = SHARE, admissible=anything, draws: int = 3) -> Plan:
     rngs = [child_rng(0, "plan", row) for row in range(2 + draws)]
     return plan_in_expectation(
         rngs, ANCHOR, omegas, weights, lambda w: (costs(w), admissible(w)),
@@ -72,7 +73,7 @@ def test_a_known_path_that_is_better_wins_if_it_is_allowed() -> None:
     known[0, T // 2], known[1, T // 2] = TARGET, TARGET  # a jump that costs next to nothing here
     known[1, 3, 0] = 99.0
 
-    def assess(waypoints: Array) -> tuple[Array, Array]:
+    def assess(waypoints: FloatArray) -> tuple[FloatArray, FloatArray]:
         return costs(waypoints), waypoints[:, 3, 0] < 50
 
     found = plan_in_expectation(

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.models import Model, WeightedSet
-from pipeline.choice.validation import FloatArray, matrix, read_only, vector
+from pipeline.choice.validation import matrix, read_only, vector
 from pipeline.errors import ArgumentError
 
 _TERMS = 1_000_000  # exponentials held at once: 8 MB, which stays near the processor

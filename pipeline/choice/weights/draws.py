@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.metrics import angle_to
-from pipeline.choice.validation import FloatArray, matrix, read_only, vector
+from pipeline.choice.validation import matrix, read_only, vector
 from pipeline.choice.weights.pareto import effective_draws, largest_good_shape
 from pipeline.choice.weights.prior import WeightPrior
 from pipeline.errors import ArgumentError

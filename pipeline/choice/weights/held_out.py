@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.held_out import HeldOutScore
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray
 from pipeline.choice.weights.draws import WeightDraws
 from pipeline.choice.weights.pareto import pareto_smoothed
 from pipeline.errors import ArgumentError

@@ -18,11 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray, vector
+from pipeline.choice.validation import vector
 from pipeline.choice.weights.choices import Choices
 from pipeline.choice.weights.draws import WeightDraws
 from pipeline.choice.weights.joint_mode import JointModes, find_joint_modes
@@ -141,15 +141,13 @@ def sample_group(
     return GroupDraws(WeightDraws(mu, log_weight, pareto_k, evidence), spread, omega)
 
 
-def _allotted(log_evidence: FloatArray, count: int) -> NDArray[np.intp]:
+def _allotted(log_evidence: FloatArray, count: int) -> IndexArray:
     """(C,) how many draws each cell of scale and spread gets."""
     share = np.maximum(np.exp(log_evidence - log_sum_exp(log_evidence)), _LEAST_SHARE)
     return np.asarray(np.maximum(np.round(count * share / share.sum()).astype(np.intp), 1))
 
 
-def _outer_draws(
-    rng: np.random.Generator, modes: JointModes, counts: NDArray[np.intp]
-) -> tuple[FloatArray, FloatArray]:
+def _outer_draws(rng: np.random.Generator, modes: JointModes, counts: IndexArray) -> tuple[FloatArray, FloatArray]:
     size = modes.mu.shape[1]
     mu = [
         student_draws(lattice(rng, int(number), size + 1), mean, curvature)
@@ -158,7 +156,7 @@ def _outer_draws(
     return np.concatenate(mu), np.repeat(modes.spread, counts)
 
 
-def _log_proposal(modes: JointModes, counts: NDArray[np.intp], mu: FloatArray, spread: FloatArray) -> FloatArray:
+def _log_proposal(modes: JointModes, counts: IndexArray, mu: FloatArray, spread: FloatArray) -> FloatArray:
     """(S,) log of the probability of the spread times the density of mu given it, all scales of the prior together."""
     log_share = np.log(counts / counts.sum())
     found = np.empty(len(mu))

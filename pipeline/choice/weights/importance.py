@@ -12,10 +12,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray
 from pipeline.choice.weights.choices import Choices
 from pipeline.choice.weights.draws import WeightDraws
 from pipeline.choice.weights.laplace import Modes, find_modes, lattice, student_draws, student_log_density
@@ -93,7 +92,7 @@ class _Mixture:
 
     mean: FloatArray
     curvature: FloatArray
-    count: NDArray[np.intp]
+    count: IndexArray
 
     def __add__(self, other: _Mixture) -> _Mixture:
         return _Mixture(
@@ -154,6 +153,6 @@ def _around_draws(
     return sum(parts[1:], start=parts[0])
 
 
-def _whole(count: int, share: FloatArray) -> NDArray[np.intp]:
+def _whole(count: int, share: FloatArray) -> IndexArray:
     """About `count` draws in proportion to `share`, one at least each."""
     return np.asarray(np.maximum(np.round(count * share / share.sum()).astype(np.intp), 1))

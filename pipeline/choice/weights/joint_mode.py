@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.choice.validation import FloatArray
+from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.choice.weights.choices import Choices
 from pipeline.choice.weights.laplace import gaussian_log_density
 from pipeline.errors import WorkbenchError
@@ -123,7 +122,7 @@ def _log_evidence(state: _State, schur: FloatArray, spread: FloatArray) -> Float
     return np.asarray(state.value + 0.5 * (people + 1) * size * math.log(2 * math.pi) - 0.5 * log_volume)
 
 
-def _replaced(state: _State, rows: NDArray[np.intp], new: _State, kept: NDArray[np.bool_]) -> _State:
+def _replaced(state: _State, rows: IndexArray, new: _State, kept: BoolArray) -> _State:
     parts = []
     for name in ("mu", "omega", "value", "gradient", "curvature"):
         values = getattr(state, name).copy()

@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from pipeline.choice.validation import FloatArray
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.weights.choices import Choices
 from pipeline.errors import WorkbenchError
 
@@ -62,7 +61,7 @@ def find_modes(choices: Choices, mean: FloatArray, scale: FloatArray, precise: f
     precision = scale**-2.0
     identity = np.eye(omega.shape[1])
 
-    def evaluated(points: FloatArray, rows: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def evaluated(points: FloatArray, rows: IndexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         found = choices.derivatives(points)
         value = found.value + gaussian_log_density(points, mean[rows], scale[rows])
         gradient = found.gradient - precision[rows, None] * (points - mean[rows])

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray
 from pipeline.errors import ArgumentError
 
 

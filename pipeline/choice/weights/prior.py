@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.arrays import FloatArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.validation import FloatArray, vector
+from pipeline.choice.validation import vector
 from pipeline.errors import ArgumentError
 
 
