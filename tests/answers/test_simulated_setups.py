@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from pipeline.answers.simulated_setups import KINDS, make, possible, region
 from pipeline.answers.verdict import Trust, judge
 
 
+@cache
 def verdict_and_miss(kind: str, seed: int) -> tuple[Trust, bool]:
     setup = make(kind, seed)
     answer = assess(np.random.default_rng([seed, 1]), replace(setup.case, repetitions=20))
@@ -29,7 +31,7 @@ def test_a_missed_truth_is_never_trusted(kind: str) -> None:
     ["8 to 24 alternatives", "people beyond the alternatives", "wrong ends", "narrow sampler, no other to compare"],
 )
 def test_what_is_broken_is_not_trusted(kind: str) -> None:
-    assert all(verdict_and_miss(kind, seed)[0] is not Trust.TRUST for seed in (1, 2))
+    assert all(verdict_and_miss(kind, seed)[0] is not Trust.TRUST for seed in (0, 1))
 
 
 def test_set_ups_are_what_they_say() -> None:
