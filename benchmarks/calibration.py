@@ -7,7 +7,9 @@ import sys
 import numpy as np
 
 from benchmarks.measuring import clustered, show, timed
-from pipeline.answers.calibration import calibrate, calibrate_group, flatness
+from pipeline.answers.calibration import calibrate
+from pipeline.answers.flatness import flatness
+from pipeline.answers.group_calibration import calibrate_group
 from pipeline.choice import LESS, Boltzmann
 
 MODELS = {"boltzmann": Boltzmann(), "less": LESS(0.1)}

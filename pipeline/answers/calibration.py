@@ -11,20 +11,17 @@ simulation-based calibration, arXiv 1804.06788.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from pipeline.arrays import FloatArray
 from pipeline.choice.metrics import angle_to
 from pipeline.choice.models import Model
 from pipeline.choice.validation import matrix
-from pipeline.choice.weights import Choices, GroupPrior, WeightDraws, WeightPrior, sample_group, sample_weights
+from pipeline.choice.weights import Choices, WeightDraws, WeightPrior, sample_weights
 from pipeline.choice.weights.held_out import leave_one_out
-from pipeline.choice.weights.hierarchy import DEFAULT_GROUP
 from pipeline.choice.weights.prior import DEFAULT
 from pipeline.errors import ArgumentError
 
@@ -202,111 +199,3 @@ class _One:
 def _together(some: list[_One]) -> Recovery:
     names = Recovery.__dataclass_fields__
     return Recovery(**{name: np.array([getattr(one, name) for one in some]) for name in names})
-
-
-@dataclass(frozen=True, eq=False)
-class GroupRecovery:
-    """Places of the truth in the posteriors of simulated groups, each uniform if the inference is right.
-
-    Attributes:
-        group_place: (R, F) of the group's weights.
-        spread_place: (R,) of the spread, ties broken at random.
-        person_place: (R, P, F) of each person's weights.
-        next_place: (R, F) of the weights of someone new from the group.
-        pareto_k: (R,) of the draws.
-    """
-
-    group_place: FloatArray
-    spread_place: FloatArray
-    person_place: FloatArray
-    next_place: FloatArray
-    pareto_k: FloatArray
-
-
-def calibrate_group(
-    rng: np.random.Generator,
-    model: Model,
-    alternatives: ArrayLike,
-    people: int,
-    demonstrations: int,
-    repetitions: int,
-    prior: GroupPrior = DEFAULT_GROUP,
-    count: int = 512,
-) -> GroupRecovery:
-    """Simulate groups of people with `demonstrations` each, drawn from the prior, and infer them.
-
-    Arguments are those of `calibrate`; `people` is how many a group has.
-    """
-    rows = matrix("alternatives", alternatives)
-    log_w = model.weigh(rows).log_w
-    parts = list(zip(*_groups(rng, rows, log_w, people, demonstrations, repetitions, prior, count), strict=True))
-    return GroupRecovery(*(np.array(values) for values in parts))
-
-
-def _groups(
-    rng: np.random.Generator,
-    rows: FloatArray,
-    log_w: FloatArray,
-    people: int,
-    demonstrations: int,
-    repetitions: int,
-    prior: GroupPrior,
-    count: int,
-) -> Iterator[tuple[FloatArray, float, FloatArray, FloatArray, float]]:
-    for _ in range(repetitions):
-        mu, spread, omega = prior.draw(rng, people + 1, rows.shape[1])
-        chosen = [choose(rng, person, rows, log_w, demonstrations) for person in omega[:-1]]
-        draws = sample_group(rng, [Choices(rows, log_w, rows[c], log_w[c]) for c in chosen], prior, count)
-        weight = draws.group.weight
-        below, same = weight @ (draws.spread < spread), weight @ (draws.spread == spread)
-        yield (
-            weight @ (draws.group.omega < mu),
-            float(below + rng.random() * same),
-            np.einsum("s,spf->pf", weight, draws.people < omega[:-1]),
-            weight @ (draws.next_person(rng).omega < omega[-1]),
-            draws.group.pareto_k,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Flatness:
-    """A histogram of places between 0 and 1 against what chance allows.
-
-    Attributes:
-        counts: (B,) in equal bins.
-        lower, upper: counts within which every bin of a flat histogram falls, together with probability 0.99.
-        p_value: of Pearson's chi-square against flatness.
-    """
-
-    counts: FloatArray
-    lower: float
-    upper: float
-    p_value: float
-
-    @property
-    def flat(self) -> bool:
-        """Whether every bin is within the band."""
-        return bool(np.all((self.counts >= self.lower) & (self.counts <= self.upper)))
-
-
-def flatness(places: ArrayLike, bins: int = 10) -> Flatness:
-    """Whether places of the truth are uniform, as those of a calibrated posterior are.
-
-    Raises:
-        ArgumentError: there are fewer than five places for each bin, or one is not between 0 and 1.
-    """
-    values = np.asarray(places, dtype=np.float64)
-    if values.ndim != 1 or bins < 2 or len(values) < 5 * bins:
-        raise ArgumentError(
-            f"places has shape {values.shape}; one axis with at least {5 * bins} for {bins} bins is needed."
-        )
-    if not np.all((values >= 0) & (values <= 1 + 1e-9)):
-        raise ArgumentError("places must lie between 0 and 1.")
-    counts = np.bincount(np.minimum((values * bins).astype(int), bins - 1), minlength=bins).astype(np.float64)
-    number = np.arange(len(values) + 1)
-    cumulative = special.bdtr(number, len(values), 1 / bins)
-    tail = 0.01 / (2 * bins)
-    lower, upper = np.searchsorted(cumulative, [tail, 1 - tail])
-    expected = len(values) / bins
-    chi_square = float(((counts - expected) ** 2).sum() / expected)
-    return Flatness(counts, float(lower), float(upper), float(special.chdtrc(bins - 1, chi_square)))

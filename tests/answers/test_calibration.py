@@ -3,7 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.answers.calibration import calibrate, calibrate_group, flatness
+from pipeline.answers.calibration import calibrate
+from pipeline.answers.flatness import flatness
+from pipeline.answers.group_calibration import calibrate_group
 from pipeline.choice import LESS, Boltzmann
 from pipeline.errors import ArgumentError
 
