@@ -1,7 +1,7 @@
 """Draws from the posterior over omega, by importance sampling from Student t's around the modes.
 
 Under each scale of the prior the posterior has one mode. The proposal is a mixture of one t around each, in proportion
-to Laplace's evidence, drawn from a shifted lattice; the weights are Pareto smoothed. Where too few draws count, up to three
+to Laplace's evidence, drawn from a shifted lattice; the weights are Pareto smoothed. Where too few draws count or their tail is long, up to three
 rounds more are drawn around those that do. Chosen by measurement
 (`benchmarks/weights.py`): the draws are independent, need no warm-up, and bring the evidence with them.
 """
@@ -18,12 +18,12 @@ from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.weights.choices import Choices
 from pipeline.choice.weights.draws import WeightDraws
 from pipeline.choice.weights.laplace import Modes, find_modes, lattice, student_draws, student_log_density
-from pipeline.choice.weights.pareto import effective_draws, pareto_smoothed
+from pipeline.choice.weights.pareto import effective_draws, largest_good_shape, pareto_smoothed
 from pipeline.choice.weights.prior import DEFAULT, WeightPrior
 from pipeline.errors import ArgumentError
 
 DRAWS = 4096
-_ENOUGH = 0.3  # of the draws effective; with fewer, further rounds of as many draws are made where the weights are
+_ENOUGH = 0.3  # of the draws effective; with fewer, or a long tail, further rounds are drawn where the weights are
 _ROUNDS = 3
 _CENTRES = 40  # of a further round
 _LEAST_SHARE = 0.1  # of the draws around each mode, however little evidence it has: Laplace may be wrong about that
@@ -64,7 +64,8 @@ def sample_weights(
         # every draw counts as drawn from the mixture of all rounds
         log_ratio = log_joint - proposal.log_density(omega)
         log_weight, pareto_k = pareto_smoothed(log_ratio)
-        if effective_draws(log_weight) >= _ENOUGH * len(omega) or round_number == _ROUNDS:
+        good = pareto_k <= largest_good_shape(len(omega)) and effective_draws(log_weight) >= _ENOUGH * len(omega)
+        if good or round_number == _ROUNDS:
             break
         further = _around_draws(rng, omega, log_weight, prior, count)
         added = further.draw(rng)
