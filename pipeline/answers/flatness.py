@@ -1,0 +1,56 @@
+"""Is a histogram of places between 0 and 1 flat, as those of the truth in calibrated posteriors are?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from pipeline.arrays import FloatArray
+from pipeline.errors import ArgumentError
+
+
+@dataclass(frozen=True, eq=False)
+class Flatness:
+    """A histogram of places between 0 and 1 against what chance allows.
+
+    Attributes:
+        counts: (B,) in equal bins.
+        lower, upper: counts within which every bin of a flat histogram falls, together with probability 0.99.
+        p_value: of Pearson's chi-square against flatness.
+    """
+
+    counts: FloatArray
+    lower: float
+    upper: float
+    p_value: float
+
+    @property
+    def flat(self) -> bool:
+        """Whether every bin is within the band."""
+        return bool(np.all((self.counts >= self.lower) & (self.counts <= self.upper)))
+
+
+def flatness(places: ArrayLike, bins: int = 10) -> Flatness:
+    """Whether places of the truth are uniform, as those of a calibrated posterior are.
+
+    Raises:
+        ArgumentError: there are fewer than five places for each bin, or one is not between 0 and 1.
+    """
+    values = np.asarray(places, dtype=np.float64)
+    if values.ndim != 1 or bins < 2 or len(values) < 5 * bins:
+        raise ArgumentError(
+            f"places has shape {values.shape}; one axis with at least {5 * bins} for {bins} bins is needed."
+        )
+    if not np.all((values >= 0) & (values <= 1 + 1e-9)):
+        raise ArgumentError("places must lie between 0 and 1.")
+    counts = np.bincount(np.minimum((values * bins).astype(int), bins - 1), minlength=bins).astype(np.float64)
+    number = np.arange(len(values) + 1)
+    cumulative = special.bdtr(number, len(values), 1 / bins)
+    tail = 0.01 / (2 * bins)
+    lower, upper = np.searchsorted(cumulative, [tail, 1 - tail])
+    expected = len(values) / bins
+    chi_square = float(((counts - expected) ** 2).sum() / expected)
+    return Flatness(counts, float(lower), float(upper), float(special.chdtrc(bins - 1, chi_square)))
