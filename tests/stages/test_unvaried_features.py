@@ -19,7 +19,7 @@ Make = Callable[[dict[str, Any]], Project]
 STAGES = (ingest, sample, featurize, density, infer, shift, robustness, figures, inspect)
 NEAR = {"bow": 0.1}
 FAR = {"start": (-0.9, 2.6, 0.1), "goal": (-0.9, 3.6, 0.2)}  # turned away from the vase
-VASE = {"kind": "proximity", "object": "vase", "radius_m": 0.5}
+VASE = {"kind": "proximity", "object": "vase", "radius_m": 0.3}
 
 
 def run(project: Project, stages: tuple[Any, ...] = STAGES) -> dict[str, list[str]]:
@@ -50,6 +50,7 @@ def test_the_same_for_all(make_project: Make, parameters: dict[str, Any]) -> Non
 @pytest.mark.parametrize("preferred", [False, True])
 def test_the_same_at_one_anchor(make_project: Make, parameters: dict[str, Any], preferred: bool) -> None:
     parameters["tasks"]["sweep"]["anchor"] = "demonstration"
+    parameters["tasks"]["sweep"]["features"]["vase"] = VASE
     parameters["sample"]["sizes"] = [6, 20]
     if preferred:
         parameters["tasks"]["sweep"]["preferences"]["vase"] = VASE
