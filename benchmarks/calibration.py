@@ -1,4 +1,6 @@
-"""Simulation-based calibration in full, and what n demonstrations tell: `python -m benchmarks.calibration [REPETITIONS]`."""
+"""Simulation-based calibration in full, and what n demonstrations tell: `python -m benchmarks.calibration
+[REPETITIONS]`.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,8 @@ def main() -> None:
             told.append(
                 (
                     label, str(n), f"{between.favoured:.2f}", f"{between.told():.2f}", f"{between.misled():.3f}",
-                    f"{np.nanmean(between.held_out) if n > 1 else np.nan:+.3f}", f"{np.degrees(np.median(own.angle)):.0f}",
+                    f"{np.nanmean(between.held_out) if n > 1 else np.nan:+.3f}",
+                    f"{np.degrees(np.median(own.angle)):.0f}",
                     f"{np.degrees(np.median(own.cap)):.0f}", f"{own.coverage():.2f}",
                     f"{found.recoveries[label, other].coverage():.2f}", f"{took / repetitions / 4 * 1e3:.0f} ms",
                 )
@@ -49,7 +52,8 @@ def main() -> None:
         flat,
     )
     columns = (
-        "chosen by", "n", "right model favoured", "by 10 to 1", "misled 10 to 1", "held-out lead", "angle (deg)", "said 0.9 (deg)",
+        "chosen by", "n", "right model favoured", "by 10 to 1", "misled 10 to 1", "held-out lead", "angle (deg)",
+        "said 0.9 (deg)",
         "coverage of 0.9", "by the wrong model", "an inference",
     )  # fmt: skip
     show(f"What n demonstrations tell, {repetitions} repetitions", columns, told)

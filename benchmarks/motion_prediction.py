@@ -1,7 +1,9 @@
-"""Is the rest of a motion predicted from its first half? `python -m benchmarks.motion_prediction table [--recordings FOLDER]`.
+"""Is the rest of a motion predicted from its first half? `python -m benchmarks.motion_prediction table [--recordings
+FOLDER]`.
 
 Needs a finished project. Each person is predicted from the others' whole motions. `--recordings` names a folder of
-recordings by other people who moved from the task's start to its goal; otherwise the task's own demonstrations are used.
+recordings by other people who moved from the task's start to its goal; otherwise the task's own demonstrations are
+used.
 """
 
 from __future__ import annotations

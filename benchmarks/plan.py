@@ -1,4 +1,6 @@
-"""The trajectory that is best for what people want: `python -m benchmarks.plan table [--recordings FOLDER]`; see motion_prediction."""
+"""The trajectory that is best for what people want: `python -m benchmarks.plan table [--recordings FOLDER]`; see
+motion_prediction.
+"""
 
 from __future__ import annotations
 
@@ -45,12 +47,14 @@ def main() -> None:
             (
                 model.name, str(group.mean.round(1)), str((rows < plan.features).mean(axis=0).round(2)),
                 f"{plan.expected_reward - best:+.2f}", f"{plan.expected_regret:.2f}",
-                f"{weighted_quantiles(plan.regret[:, None], group.weight, [0.9])[0, 0]:.2f}", f"{plan.change.min():.2f} to {plan.change.max():.2f} rad",
+                f"{weighted_quantiles(plan.regret[:, None], group.weight, [0.9])[0, 0]:.2f}",
+                f"{plan.change.min():.2f} to {plan.change.max():.2f} rad",
                 f"{plan.inadmissible:.2f}", f"{took:.1f} s",
             )
         )  # fmt: skip
     columns = (
-        "model", "mean weights", "plan's place among alternatives", "reward beyond the best alternative (nat)", "expected regret",
+        "model", "mean weights", "plan's place among alternatives", "reward beyond the best alternative (nat)",
+        "expected regret",
         "90 % below", "change over the belief", "inadmissible", "time",
     )  # fmt: skip
     show(f"{options.task}: {', '.join(data.features.names)}", columns, table)

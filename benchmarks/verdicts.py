@@ -1,4 +1,6 @@
-"""Verdicts on simulated set-ups against their truth: `python -m benchmarks.verdicts [SEEDS] [FIRST]`, 10 of each kind unless told."""
+"""Verdicts on simulated set-ups against their truth: `python -m benchmarks.verdicts [SEEDS] [FIRST]`, 10 of each kind
+unless told.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """From demonstrations and alternatives in memory to the answer and the numbers behind its verdict.
 
-The answer is the group's weights under LESS. Everything else is another way of computing it, or a check of whether these
-people fit these alternatives. What is not given is not checked, and the verdict says so.
+The answer is the group's weights under LESS. Everything else is another way of computing it, or a check of whether
+these people fit these alternatives. What is not given is not checked, and the verdict says so.
 """
 
 from __future__ import annotations
@@ -64,7 +64,8 @@ class Answer:
     Attributes:
         group: the group's weights on scaled features.
         scale: (F,) what features are divided by.
-        ways: the same weights computed in other ways, by name: models, explorations, samplers, bandwidths, scales, prior.
+        ways: the same weights computed in other ways, by name: models, explorations, samplers, bandwidths, scales,
+            prior.
         numbers: for the verdict.
     """
 
@@ -74,7 +75,9 @@ class Answer:
     numbers: Numbers
 
     def cap(self, level: float) -> float:
-        """Angle (rad) around the answer's direction that holds theta with probability `level` whichever way it is computed."""
+        """Angle (rad) around the answer's direction that holds theta with probability `level` whichever way it is
+        computed.
+        """
         return widest_cap(self.group.group, self.ways, level)
 
 

@@ -1,9 +1,9 @@
 """Would these demonstrations tell? People are simulated on the user's own alternatives and inferred back.
 
-Truths are drawn from the prior (or given), choices from a model, and the posterior of each model is taken. Where a model
-infers what it chose itself, the place of the truth in its posterior is uniform between 0 and 1, whatever the alternatives:
-that is simulation-based calibration. Where the pool that people choose from is wider than the alternatives, or the models
-differ, the same numbers say what that costs.
+Truths are drawn from the prior (or given), choices from a model, and the posterior of each model is taken. Where a
+model infers what it chose itself, the place of the truth in its posterior is uniform between 0 and 1, whatever the
+alternatives: that is simulation-based calibration. Where the pool that people choose from is wider than the
+alternatives, or the models differ, the same numbers say what that costs.
 
 Source: Talts, Betancourt, Simpson, Vehtari and Gelman (2018), Validating Bayesian inference algorithms with
 simulation-based calibration, arXiv 1804.06788.
@@ -41,7 +41,8 @@ class Recovery:
         cap: (R,) rad, within which the direction lies with probability 0.9, as the posterior says.
         width: (R, F) of the central 0.9 interval of each weight.
         log_evidence: (R,) of the inferring model.
-        held_out: (R,) mean held-out log score of a demonstration; NaN for a single one, and where one model alone is tried.
+        held_out: (R,) mean held-out log score of a demonstration; NaN for a single one, and where one model alone is
+            tried.
         pareto_k: (R,) of the draws.
     """
 

@@ -1,4 +1,6 @@
-"""The numbers behind a verdict, each from arrays: how far the answer holds under other choices, and whether people fit in."""
+"""The numbers behind a verdict, each from arrays: how far the answer holds under other choices, and whether people fit
+in.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,8 @@ from pipeline.errors import ArgumentError
 def departure(answer: WeightDraws, others: Sequence[WeightDraws]) -> float:
     """How far other ways of computing lead from the answer: the largest credible level at which one's direction lies.
 
-    At 0.5 the other's mean direction is as far from ours as half of our own belief; beyond 0.9 it is a direction that our
-    answer all but excludes. A stated sign that another contradicts counts as 1.
+    At 0.5 the other's mean direction is as far from ours as half of our own belief; beyond 0.9 it is a direction that
+    our answer all but excludes. A stated sign that another contradicts counts as 1.
 
     Raises:
         ArgumentError: there are no others.
@@ -77,7 +79,9 @@ def outside_share(demonstrations: ArrayLike, alternatives: ArrayLike) -> float:
 
 
 def surprise(check: PredictiveCheck, level: float = 0.05) -> float:
-    """Probability that chance puts as many demonstrations beyond `level` in the feature where most are, of F features."""
+    """Probability that chance puts as many demonstrations beyond `level` in the feature where most are, of F
+    features.
+    """
     count, features = check.p_value.shape
     most = int(check.beyond(level).max())
     tail = 1.0 if most == 0 else float(special.bdtrc(most - 1, count, level))

@@ -2,8 +2,8 @@
 
 A prediction is a weighted set of possible positions over the remaining time; straight-on and nearest-neighbour
 predictions have one member. Its density is a mixture of Student t's around the members, whose width is chosen on other
-people, for every method alike: a method that knows its uncertainty gains, and one that has none is not refused. The tails
-are heavy, or one person who does something else would decide the comparison.
+people, for every method alike: a method that knows its uncertainty gains, and one that has none is not refused. The
+tails are heavy, or one person who does something else would decide the comparison.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ class Forecast:
         n, m = np.shape(self.probabilities)[0], len(self.actual)
         if np.shape(self.positions) != (n, m, 3) or np.shape(self.actual) != (m, 3):
             raise ArgumentError(
-                f"positions has shape {np.shape(self.positions)}, probabilities {np.shape(self.probabilities)} and actual "
+                f"positions has shape {np.shape(self.positions)}, probabilities "
+                f"{np.shape(self.probabilities)} and actual "
                 f"{np.shape(self.actual)}; (N, M, 3), (N,) and (M, 3) are needed."
             )
 
@@ -57,7 +58,9 @@ class Forecast:
         return float(np.linalg.norm(mean - self.actual, axis=1).mean())
 
     def log_score(self, width_m: float) -> float:
-        """Log density, per waypoint, of where it was (nats; m^-3): the mean over waypoints of the log mixture density."""
+        """Log density, per waypoint, of where it was (nats; m^-3): the mean over waypoints of the log mixture
+        density.
+        """
         squared = ((self.positions - self.actual) ** 2).sum(axis=2)
         log_peak = special.gammaln(FREEDOM / 2 + 1.5) - special.gammaln(FREEDOM / 2)
         log_peak -= 1.5 * np.log(FREEDOM * np.pi * width_m**2)

@@ -1,4 +1,5 @@
-"""Simulated set-ups, sound and broken ones, whose truth is known: does a verdict of "trust" ever go with a missed truth?
+"""Simulated set-ups, sound and broken ones, whose truth is known: does a verdict of "trust" ever go with a missed
+truth?
 
 Three features live in a bounded region of the unit cube. People choose from the whole region in proportion to
 exp(omega . phi), as LESS does in the limit; the analyst sees alternatives that some sampler drew from it.
@@ -39,8 +40,9 @@ class SetUp:
     def missed(self, answer: Answer) -> bool:
         """Whether an answer claims what is not so.
 
-        It does if a stated sign is not that of the people's mean weight, or is wrong for a third of them, or if the direction
-        of their mean weights is farther from the answer's than the angle within which it lies with probability 0.99.
+        It does if a stated sign is not that of the people's mean weight, or is wrong for a third of them, or if the
+        direction of their mean weights is farther from the answer's than the angle within which it lies with
+        probability 0.99.
         """
         omega = self.omega * answer.scale
         mean, signs = omega.mean(axis=0), stated_signs(answer.group.group)
@@ -164,8 +166,8 @@ def _boltzmann_people(rng: np.random.Generator, kind: str) -> SetUp:
 def _hidden_feature(rng: np.random.Generator, kind: str) -> SetUp:
     """People care most for something that is not among the features.
 
-    What moves with a feature looks like a wish for that feature, and nothing in the data can tell them apart. The truth is
-    therefore what the features can say: the weights with which people's expected features are what they are.
+    What moves with a feature looks like a wish for that feature, and nothing in the data can tell them apart. The truth
+    is therefore what the features can say: the weights with which people's expected features are what they are.
     """
     sound = _sound(rng, kind)
     pool = region(rng, _POOL)

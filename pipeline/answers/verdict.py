@@ -1,7 +1,7 @@
 """One verdict per task, by stated rules from named numbers: trust, be careful, do not trust.
 
-Each rule asks a question about one number. The verdict is the worst that a line allows: a number beyond a rule's gravest
-bound means do not trust; any other "no" means be careful, and so does a needed rule that was not checked.
+Each rule asks a question about one number. The verdict is the worst that a line allows: a number beyond a rule's
+gravest bound means do not trust; any other "no" means be careful, and so does a needed rule that was not checked.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pipeline.arrays import FloatArray
 from pipeline.replay.features import FeatureSet
-from pipeline.replay.replay import Surface, replay
+from pipeline.replay.replay import replay
+from pipeline.replay.surface import Surface
 
 
 def assessment(
@@ -32,9 +33,7 @@ def assessment(
         clear = np.ones(len(waypoints), dtype=bool)
         for motion in replay(features.scene, waypoints):
             rows = slice(motion.first, motion.first + len(motion.waypoints))
-            # `FeatureSet.evaluate` would replay a second time.
-            for column, function in enumerate(features._functions):
-                values[rows, column] = features._checked(features.names[column], function(motion), motion)
+            values[rows] = features.of(motion)  # `FeatureSet.evaluate` would replay a second time
             if top is not None:
                 clear[rows] = top.cleared_by(motion)
         return values / scales, clear

@@ -1,7 +1,7 @@
 """The trajectory that is best for what is believed: expected cost over draws of the weights, and its regret.
 
-For a linear reward the expectation over omega is the reward of the mean omega, so one search with the mean weights finds
-the plan; searches with single draws show how it would change, and say what is lost by not knowing.
+For a linear reward the expectation over omega is the reward of the mean omega, so one search with the mean weights
+finds the plan; searches with single draws show how it would change, and say what is lost by not knowing.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ class Plan:
         features: (F,) scaled.
         expected_reward: over the draws.
         regret: (S,) reward that a draw's own best known trajectory would have more than the plan, >= 0. What is known
-            are the trajectories of this search and the candidates, so it is a lower bound, tight for the draws that were searched.
+            are the trajectories of this search and the candidates, so it is a lower bound, tight for the draws that
+            were searched.
         expected_regret: its mean under the draws' weights.
         alternatives: (C, T, J) the best trajectory for each searched draw: the plan's spread over the belief.
         alternative_features: (C, F) scaled.
@@ -127,8 +128,8 @@ def plan_in_expectation(
 def bounded(assess: Assess, least: FloatArray, greatest: FloatArray) -> Assess:
     """`assess` that also refuses paths whose scaled features leave the box from `least` to `greatest`, both (F,).
 
-    Without a bound on effort a belief that people like to waste it has no best path. Give the box of the alternatives, or
-    of the declared choice space.
+    Without a bound on effort a belief that people like to waste it has no best path. Give the box of the alternatives,
+    or of the declared choice space.
     """
 
     def inside(waypoints: FloatArray) -> tuple[FloatArray, BoolArray]:

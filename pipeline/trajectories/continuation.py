@@ -16,9 +16,9 @@ def spliced(observed: FloatArray, alternatives: FloatArray) -> FloatArray:
 
         x_i(t) = q_i(t) + (x(h) - q_i(h)) (1 + 2 r) (1 - r)^2,    r = (t - h) / (T - 1 - h)
 
-    The waypoints before are the observed ones, so the features of the spliced trajectory hold what has already been done,
-    and a choice among them is a choice of how to go on: p(rest | beginning, omega) is the model's own softmax over
-    trajectories that share the beginning.
+    The waypoints before are the observed ones, so the features of the spliced trajectory hold what has already been
+    done, and a choice among them is a choice of how to go on: p(rest | beginning, omega) is the model's own softmax
+    over trajectories that share the beginning.
 
     Args:
         observed: (h + 1, J) waypoints 0..h, in the same turns of continuous joints as the alternatives.
@@ -50,7 +50,8 @@ def straight_on(observed: FloatArray, goal: FloatArray, n_waypoints: int) -> Flo
     seen = np.asarray(observed, dtype=np.float64)
     if seen.ndim != 2 or not 1 <= len(seen) < n_waypoints or np.shape(goal) != seen.shape[1:]:
         raise ArgumentError(
-            f"observed has shape {seen.shape} and goal {np.shape(goal)}; (h + 1, J) with h + 1 < {n_waypoints} and (J,) are needed."
+            f"observed has shape {seen.shape} and goal {np.shape(goal)}; (h + 1, J) with h + 1 < "
+            f"{n_waypoints} and (J,) are needed."
         )
     rest = np.linspace(seen[-1], goal, n_waypoints - len(seen) + 1)[1:]
     return np.concatenate([seen, rest])
@@ -85,6 +86,7 @@ def _checked(observed: FloatArray, alternatives: FloatArray) -> tuple[FloatArray
     seen, paths = np.asarray(observed, dtype=np.float64), np.asarray(alternatives, dtype=np.float64)
     if paths.ndim != 3 or seen.ndim != 2 or seen.shape[1] != paths.shape[2] or not 1 <= len(seen) < paths.shape[1]:
         raise ArgumentError(
-            f"observed has shape {seen.shape} and alternatives {paths.shape}; (h + 1, J) and (N, T, J) with h + 1 < T are needed."
+            f"observed has shape {seen.shape} and alternatives {paths.shape}; (h + 1, J) and (N, T, J) with h "
+            "+ 1 < T are needed."
         )
     return seen, paths

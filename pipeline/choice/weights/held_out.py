@@ -46,7 +46,8 @@ def leave_one_out(draws: WeightDraws, log_likelihood: ArrayLike) -> LeaveOneOut:
     values = np.asarray(log_likelihood, dtype=np.float64)
     if values.ndim != 2 or len(values) != len(draws.omega) or values.shape[1] < 2:
         raise ArgumentError(
-            f"log_likelihood has shape {values.shape}; one row for each of the {len(draws.omega)} draws and a column for each of two or "
+            f"log_likelihood has shape {values.shape}; one row for each of the {len(draws.omega)} draws and a "
+            "column for each of two or "
             "more demonstrations are needed."
         )
     parts = [pareto_smoothed(draws.log_weight - column) for column in values.T]

@@ -1,9 +1,9 @@
 """Draws from the posterior over omega, by importance sampling from Student t's around the modes.
 
 Under each scale of the prior the posterior has one mode. The proposal is a mixture of one t around each, in proportion
-to Laplace's evidence, drawn from a shifted lattice; the weights are Pareto smoothed. Where too few draws count or their tail is long, up to three
-rounds more are drawn around those that do. Chosen by measurement
-(`benchmarks/weights.py`): the draws are independent, need no warm-up, and bring the evidence with them.
+to Laplace's evidence, drawn from a shifted lattice; the weights are Pareto smoothed. Where too few draws count or their
+tail is long, up to three rounds more are drawn around those that do. Chosen by measurement (`benchmarks/weights.py`):
+the draws are independent, need no warm-up, and bring the evidence with them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ def sample_weights(
 ) -> WeightDraws:
     """The posterior over omega given all demonstrations together.
 
-    p(omega | demonstrations) is proportional to p(omega) prod_d p(d | omega); each demonstration has its own joined set.
+    p(omega | demonstrations) is proportional to p(omega) prod_d p(d | omega); each demonstration has its own joined
+    set.
 
     >>> from pipeline.choice import Boltzmann
     >>> choices = Choices.of_rows(Boltzmann(), [2, 2, 2], [[0.0], [0.5], [1.0]])

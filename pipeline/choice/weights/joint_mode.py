@@ -1,4 +1,6 @@
-"""The mode of a group's weights and all its people's weights together, by Newton's method on the arrow-shaped Hessian."""
+"""The mode of a group's weights and all its people's weights together, by Newton's method on the arrow-shaped
+Hessian.
+"""
 
 from __future__ import annotations
 

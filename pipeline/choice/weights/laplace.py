@@ -85,7 +85,8 @@ def find_modes(choices: Choices, mean: FloatArray, scale: FloatArray, precise: f
         length[moved] = np.minimum(1.0, 2 * length[moved])
         length[active[~better]] *= 0.25
     raise WorkbenchError(
-        f"no mode was found in {_ITERATIONS} Newton steps; the best point so far is {omega[active[0]].round(4).tolist()}. "
+        f"no mode was found in {_ITERATIONS} Newton steps; the best point so far is "
+        f"{omega[active[0]].round(4).tolist()}. "
         "Scale the features to ranges near one."
     )
 

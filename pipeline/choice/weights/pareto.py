@@ -1,6 +1,7 @@
 """Pareto-smoothed importance sampling: weights with a tame tail, and the number that says whether to trust them.
 
-Source: Vehtari, Simpson, Gelman, Yao and Gabry, "Pareto smoothed importance sampling", arXiv 1507.02646; the fit is that
+Source: Vehtari, Simpson, Gelman, Yao and Gabry, "Pareto smoothed importance sampling", arXiv 1507.02646; the fit is
+    that
 of Zhang and Stephens (2009), "A new and efficient estimation method for the generalized Pareto distribution".
 """
 
@@ -27,8 +28,8 @@ def pareto_smoothed(log_ratios: FloatArray) -> tuple[FloatArray, float]:
         log_ratios: (S,) log of target over proposal, up to a constant.
 
     Returns:
-        (S,) normalised log weights, and the shape k of the tail: up to `largest_good_shape` they can be trusted; infinite if fewer
-        than five ratios differ in the tail, so that no tail can be fitted.
+        (S,) normalised log weights, and the shape k of the tail: up to `largest_good_shape` they can be trusted;
+        infinite if fewer than five ratios differ in the tail, so that no tail can be fitted.
 
     Raises:
         ArgumentError: ratios are not finite, apart from -inf.

@@ -19,11 +19,11 @@ class WeightPrior:
 
     With features scaled by their range over the alternatives, omega_f is the log odds between the two ends of
     feature f, all else equal. A scale of 0.3 is someone who hardly looks (odds of 1.3), one of 100 someone who all but
-    optimises. The default says that how decided people are is unknown over more than two orders of magnitude: with three
-    features beta = |omega| lies in 0.35 to 190 with probability 0.9, median 7.5; the grid's betas span 0.01 to 100. The
-    prior is symmetric, so wishes (positive) and costs (negative) are as probable as each other, and all directions too.
-    It is proper and all its moments are finite, which a demonstration at the rim of its set needs: its likelihood does
-    not fall as omega grows.
+    optimises. The default says that how decided people are is unknown over more than two orders of magnitude: with
+    three features beta = |omega| lies in 0.35 to 190 with probability 0.9, median 7.5; the grid's betas span 0.01 to
+    100. The prior is symmetric, so wishes (positive) and costs (negative) are as probable as each other, and all
+    directions too. It is proper and all its moments are finite, which a demonstration at the rim of its set needs: its
+    likelihood does not fall as omega grows.
 
     Given tau the posterior is log-concave. `WeightDraws.by_scale` says what each scale alone would conclude.
 

@@ -18,7 +18,9 @@ PRIOR = GroupPrior(WeightPrior((1.0, 5.0)), (0.3, 2.0, 8.0))
 
 
 def quadrature() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Posterior of the spread (3,), mean of mu, means of the people's weights, and the log evidence, in one dimension."""
+    """Posterior of the spread (3,), mean of mu, means of the people's weights, and the log evidence, in one
+    dimension.
+    """
     omega = np.linspace(-80, 80, 8001)
     step = omega[1] - omega[0]
     mu = np.linspace(-30, 30, 601)
