@@ -34,7 +34,7 @@ from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene, scene_files
 from pipeline.stages import infer
-from pipeline.stages.ingest import NULLABLE, REJECTED
+from pipeline.stages.ingest import NULLABLE, REJECTED, SAME
 from pipeline.stages.inspect import PATHS
 from pipeline.stages.registry import parameters
 from pipeline.studies.posteriors import PART_ROWS, groups_of, posterior_parts
@@ -309,6 +309,7 @@ def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict
     known = path.stem in belief.rows
     try:
         row = demonstration(Bag(path.stem, (path,)), belief.setting.intake)
+        _refuse_copy(row, belief)
         belief.take(row)
     except WorkbenchError as error:
         reason, detail = (
@@ -335,6 +336,14 @@ def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict
         )
     )
     say(f"{len(belief.rows):>3} {path.name}{' again' if known else ''}: {'; '.join(_lines(belief))}")
+
+
+def _refuse_copy(row: dict[str, Any], belief: Belief) -> None:
+    for key, other in belief.rows.items():
+        at_once = (row["start_time_ns"], row["duration_s"]) == (other["start_time_ns"], other["duration_s"])
+        if key != row["demonstration_id"] and at_once and np.abs(row["waypoints"] - other["waypoints"]).max() <= SAME:
+            detail = f"It holds the same recording as {other['source']}, which is used; one is one demonstration."
+            raise RecordingError("copy", detail)
 
 
 def _forget(news: News, belief: Belief, shown: Watched) -> None:

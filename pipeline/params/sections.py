@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -72,10 +73,27 @@ Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)
 Weights = Annotated[dict[Name, Finite], Field(min_length=1), AfterValidator(_frozen)]
 
 
+_MET = ("scales", "posteriors", "densities", "alternatives", "demonstrations", "features")
+"""Tables whose columns stand beside those of the features, in the program or in what people ask."""
+
+
 def _distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
     if len(set(values)) != len(values):
         raise ValueError("the same value is listed twice; list each once")
     return values
+
+
+def _refuse_parallel(thetas: tuple[tuple[float, ...], ...]) -> None:
+    """Weights of one direction differ in beta alone, so that this direction would count twice in the prior."""
+    seen = dict[tuple[float, ...], int]()
+    for row, theta in enumerate(thetas):
+        length = math.hypot(*theta)
+        direction = tuple(round(value / length, 9) + 0.0 for value in theta) if length else theta
+        if (other := seen.setdefault(direction, row)) != row:
+            raise ValueError(
+                f"thetas[{other}] and thetas[{row}] are the same direction, {list(theta)}, and would count twice; "
+                "list each direction once, as beta says how much it counts"
+            )
 
 
 class _Section(BaseModel):
@@ -101,10 +119,16 @@ class Task(_Section):
     @field_validator("features")
     @classmethod
     def _names_of_features(cls, features: Mapping[str, Any]) -> Mapping[str, Any]:
-        taken = {column.name for column in schema("features").columns}
-        for name in features:
-            if name in taken:
-                raise ValueError(f"a feature cannot be called {name!r}, as {one_of(taken)} are columns of its table")
+        taken = {column.name: table for table in _MET for column in schema(table).columns} | {"task": "every"}
+        seen = dict[str, str]()
+        for name in features:  # databases take names that differ in case for one
+            if (lower := name.lower()) in taken:
+                raise ValueError(
+                    f"a feature cannot be called {name!r}, as {lower!r} is a column of the table "
+                    f"{taken[lower]!r}; name it otherwise, such as 'my_{lower}'"
+                )
+            if (other := seen.setdefault(lower, name)) != name:
+                raise ValueError(f"the features {other!r} and {name!r} differ in case alone; name them apart")
         return features
 
     @model_validator(mode="after")
@@ -118,6 +142,7 @@ class Task(_Section):
                         f"thetas[{row}] has {len(theta)} numbers, needed is one for each of the {len(self.features)} "
                         f"features ({', '.join(self.features)})"
                     )
+            _refuse_parallel(self.thetas)
         return self
 
 

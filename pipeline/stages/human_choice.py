@@ -11,6 +11,7 @@ from pipeline.formats.parquet.tables import write_table
 from pipeline.stages.registry import parameters
 from pipeline.studies.human_choice import analyse_choices, compare_with_paper
 from pipeline.vocabulary import STUDIES
+from pipeline.workspace.people import identity
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 
@@ -41,10 +42,34 @@ PAPER = {
 
 
 def _choices(source: Path) -> pl.DataFrame:
+    """The rows of the file, every cell as text without the blanks around it; a cell that says nothing is null.
+
+    Numbers stay as they are written, so that the options 1 and 01 are two, and those in `options` are found.
+    """
     try:
         with source.open("rb") as stream:  # a path would be taken for a pattern
-            return pl.read_csv(stream)
+            rows = pl.read_csv(stream, infer_schema=False)
     except FileNotFoundError:
         raise StageError(f"{source}: there is no such file; studies.human_choice.choices names it") from None
     except pl.exceptions.PolarsError as error:
         raise StageError(f"{source}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+    headers = [name.strip() for name in rows.columns]
+    if repeated := next((name for name in headers if headers.count(name) > 1), None):
+        raise StageError(f"{source}: has the column {repeated!r} twice; keep one")
+    rows.columns = headers
+    rows = rows.with_columns(pl.all().str.strip_chars()).with_columns(pl.all().replace("", None))
+    for name in headers:
+        _refuse_alike(source, name, rows[name])
+    return rows
+
+
+def _refuse_alike(source: Path, column: str, cells: pl.Series) -> None:
+    """Labels that look the same must be the same; else one option, group or person would be counted as two."""
+    seen = dict[str, str]()
+    for label in cells.drop_nulls().unique(maintain_order=True).to_list():
+        other = seen.setdefault(identity(label), label)
+        if other != label:
+            raise StageError(
+                f"{source}: the column {column!r} has {other!r} and {label!r}, which differ only in case, blanks or "
+                "Unicode form; write them alike if they mean one, or name them apart"
+            )

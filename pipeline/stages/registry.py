@@ -125,7 +125,7 @@ STAGES = (
         "infer", Scope.TASK, "infer", "pipeline.stages.infer",
         parameters=("tasks.{task}.thetas", "infer", "compute.partition"),
         reads=("demonstrations", "features", "scales", "densities"),
-        makes=("posteriors", "held_out"),
+        makes=("posteriors", "held_out", "support"),
     ),
     Stage(
         "shift", Scope.TASK, "shift", "pipeline.stages.shift",

@@ -153,6 +153,16 @@ def test_what_changes_is_taken_anew_and_what_goes_is_forgotten(
     np.testing.assert_allclose(mine["log_posterior"], theirs["log_posterior"], rtol=0, atol=1e-12)
 
 
+def test_a_copy_counts_once(project: Project, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "coming"
+    for name in ("first.mcap", "second.mcap"):
+        bow(folder / name)
+    watch.run(project, folder, None, Until(idle_s=0.5), None)
+    said = capsys.readouterr().out
+    assert "second.mcap: not used (copy): It holds the same recording as first.mcap, which is used" in said
+    assert "1 demonstration, 1 not used; kept in datasets/sweep/watch" in said
+
+
 def test_it_serves_while_it_watches_and_keeps_what_it_has_when_told_to_end(project: Project, tmp_path: Path) -> None:
     words = ("watch", "mine", "--live", "--port", "0")
     with lessbench(project, *words) as process:

@@ -58,6 +58,17 @@ def put(document: dict[str, Any], path: str, value: Any) -> None:
         ("simulate.weights.nowhere", {"speed": 1}, r"names the task 'nowhere'; there are"),
         ("seed", "today", "seed is 'today'"),
         ("tasks.table.features.kind", {"kind": "height"}, "a feature cannot be called 'kind'"),
+        (
+            "tasks.table.features.Anchor",
+            {"kind": "height"},
+            "'Anchor', as 'anchor' is a column of the table 'features'",
+        ),
+        ("tasks.table.features.PARTICIPANT", {"kind": "height"}, "'participant' is a column of the table"),
+        ("tasks.table.features.Task", {"kind": "height"}, "a feature cannot be called 'Task'"),
+        ("tasks.table.features.Laptop", {"kind": "height"}, "'laptop' and 'Laptop' differ in case alone"),
+        ("tasks.table.thetas", [[-1, 0, 0], [0, -1, 0], [-1, 0, 0]], r"thetas\[0\] and thetas\[2\] are the same"),
+        ("tasks.table.thetas", [[-1, -2, 0], [-0.1, -0.2, 0]], r"thetas\[0\] and thetas\[1\] are the same direction"),
+        ("tasks.table.thetas", [[0, 0, 0], [0, 0, 0]], "would count twice"),
         ("infer.betas", [], r"infer\.betas is empty; list at least 1"),
         ("studies.grid_world.objects", [[0, 10], [1, 1]], r"studies\.grid_world: objects is .* from 0 to 9"),
         ("tasks.table.anchor", 3, r"tasks\.table\.anchor is 3; it should be 'task' or 'demonstration'"),
@@ -129,3 +140,8 @@ def test_an_overlay_says_only_what_is_different(tmp_path: Path) -> None:
     overlay.write_text("")
     with pytest.raises(ParameterError, match="holds no parameters"):
         load(SHIPPED, overlay)
+
+
+def test_opposite_directions_are_two(document: dict[str, Any]) -> None:
+    put(document, "tasks.table.thetas", [[-1, 2, 0], [1, -2, 0], [0, 0, 0], [-1, 2.001, 0]])
+    assert len(parse(document).tasks["table"].thetas) == 4

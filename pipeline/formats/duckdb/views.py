@@ -77,6 +77,16 @@ VIEWS: Mapping[str, View] = {
         f"select {_KEYS}, beta, sum(posterior) as posterior from posteriors group by {_KEYS}, beta",
         {"posterior": "probability of the beta; sums to 1 over beta"},
     ),
+    "beta_at_edge": View(
+        ("posteriors",),
+        "where the most probable beta of all demonstrations together is the first or last of the grid, so that the "
+        "grid is too short, or people choose at random",
+        """select task, model, set_size, set_id, arg_max(beta, posterior) as beta,
+                  case when arg_max(beta, posterior) = min(beta) then 'least' else 'greatest' end as edge
+           from beta_marginals where participant = 'all' group by task, model, set_size, set_id
+           having count(*) > 1 and arg_max(beta, posterior) in (min(beta), max(beta)) order by all""",
+        {"edge": "`least` or `greatest` of the grid"},
+    ),
     "model_comparison": View(
         ("held_out",),
         "how well each model predicts a demonstration from the others, on the working set: log predictive probability, "

@@ -13,6 +13,7 @@ import polars as pl
 from pipeline import params
 from pipeline.formats.duckdb.questions import CONTENTS, ask
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
+from pipeline.studies.support import beyond, edge_sentence
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
 from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
@@ -31,6 +32,7 @@ SIZES = (
     "select task, min(set_size) as least, max(set_size) as largest, count(distinct (anchor, set_size, set_id)) as sets \
 from sampling group by task"
 )
+EDGE = f"from beta_at_edge where set_id = '{WORKING}' order by all"
 SPLIT = f"""select task, model, set_size, sets, answers from disagreement_between_sets
     where participant = '{ALL}' and answers > 1
       and set_size = (select max(set_size) from disagreement_between_sets where participant = '{ALL}')
@@ -137,6 +139,10 @@ def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
         for task, n in _rows(simulated, "task", "n")
         if n
     ]
+    for task, rows in _by_task(answers("support", "from support order by task, demonstration_id, feature")):
+        sentences += [f"Task {task}: {sentence}." for sentence in beyond(rows)]
+    for task, model, beta, edge in _rows(answers("posteriors", EDGE), "task", "model", "beta", "edge"):
+        sentences.append(f"Task {task}: {edge_sentence(model_name(model), beta, edge)}.")
     for task, model, other in _rows(answers("posteriors", APART), "task", "model", "other_model"):
         sentences.append(
             f"Task {task}: {model_name(model)} and {model_name(other)} disagree on what all together want."
