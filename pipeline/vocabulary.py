@@ -56,6 +56,7 @@ ALL = "all"
 TASK_ANCHOR, DEMONSTRATION_ANCHOR = "task", "demonstration"
 """Values of a task's `anchor`; the first is also the `anchor` of alternatives that all demonstrations share."""
 WORKING = "working"
+SCHEDULER = "LESSBENCH_SCHEDULER"  # environment variable with the address of a Dask scheduler
 """The `set_id` of the set that is shown."""
 STUDIES = "studies"
 """Stands where a task's name would, for tables and files of no task."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from pathlib import Path
@@ -13,6 +14,7 @@ from typer.exceptions import TyperException
 from pipeline import terminal
 from pipeline.cli import imports, results, setup, shared, stages
 from pipeline.errors import OutputError, WorkbenchError
+from pipeline.vocabulary import SCHEDULER
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -38,9 +40,19 @@ def options(
     overlay: Annotated[
         Path | None, typer.Option(metavar="FILE", help="YAML with the parameters that are different from params.yaml.")
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Compute on the Dask cluster of this scheduler, tcp://HOST:PORT or tls://HOST:PORT; whoever runs it "
+            f"can run code here. For `dvc repro` set {SCHEDULER}.",
+        ),
+    ] = None,
 ) -> None:
     """Keep what is said before the command."""
     shared.overlay.set(overlay)
+    if scheduler is not None:
+        os.environ[SCHEDULER] = scheduler
 
 
 def main() -> None:

@@ -29,6 +29,7 @@ from pipeline.vocabulary import (
     MIXTURE,
     PLANNER,
     RESERVED_FOLDERS,
+    SCHEDULER,
     TASK_ANCHOR,
     VIA_POINT,
     Clock,
@@ -225,11 +226,20 @@ class Sample(_Section):
 
 
 class Compute(_Section):
-    """How large sets of alternatives are computed, and where; `scheduler` changes no result."""
+    """How large sets of alternatives are computed."""
 
     partition: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
     memory_gb: Positive = 1.0
-    scheduler: Annotated[str, Field(pattern=r"^(tcp|tls)://[^/\s]+:\d+$")] | None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_scheduler(cls, section: Any) -> Any:
+        if isinstance(section, Mapping) and "scheduler" in section:
+            raise ValueError(
+                "scheduler is no parameter, as a scheduler can run code here, and parameters may come from others; "
+                f"remove it, and name yours with `lessbench --scheduler` or in the environment, {SCHEDULER}"
+            )
+        return section
 
 
 class Features(_Section):

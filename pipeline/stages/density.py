@@ -72,7 +72,7 @@ def run(project: Project, name: str) -> None:
     with (
         recorded_run(project, "density", name) as record,
         TaskTables(project.tables(name, ("features", "feature_units"))) as tables,
-        workers(project) as pool,
+        workers() as pool,
     ):
         tables.check()
         there, units = tables.contents("features"), tables["feature_units"].read()

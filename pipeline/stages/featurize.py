@@ -50,7 +50,7 @@ def run(project: Project, name: str) -> None:
     with (
         recorded_run(project, "featurize", name) as record,
         TaskTables(project.tables(name, ("demonstrations", "alternatives"))) as tables,
-        workers(project) as pool,
+        workers() as pool,
     ):
         scene = load_task_scene(project, task)
         features = bind_features(scene, task.features)

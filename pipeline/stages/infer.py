@@ -36,7 +36,7 @@ def run(project: Project, name: str) -> None:
     with (
         recorded_run(project, "infer", name) as record,
         TaskTables(project.tables(name, INPUTS)) as tables,
-        workers(project) as pool,
+        workers() as pool,
     ):
         tables.check(whole=["demonstrations", "densities"])  # of which only some columns are used
         people = tables["demonstrations"].read(["demonstration_id", "participant"])

@@ -226,7 +226,6 @@ STAGES = (
 )  # fmt: skip
 # parameters that a stage may read without declaring them, with the reason why that changes no result
 UNDECLARED = {
-    "compute.scheduler": "it says where parts are computed, and they come out the same anywhere, bit for bit",
     "tasks.{task}.scene": "the stage `scene` alone follows it; the others depend on scene.json, which changes with it",
 }
 

@@ -100,7 +100,7 @@ def run(project: Project, name: str) -> None:
         stated = provenance(project, parameters("sample", name), inputs, model=model_hash(scene))
         tallies: dict[tuple[str, int, str], list[Tally]] = {}
         with (
-            workers(project) as pool,
+            workers() as pool,
             table_writer(project.table(name, "alternatives"), "alternatives", stated) as writer,
             gathered(writer, partition) as table,
         ):

@@ -73,7 +73,7 @@ class Drawn:
 def run(project: Project, name: str) -> None:
     """Write shifted_alternatives.parquet and shifted_sampling.parquet of the task `name`."""
     task, specs = project.params.task(name), project.params.robustness.samplers
-    with recorded_run(project, "shift", name) as record, workers(project) as pool:
+    with recorded_run(project, "shift", name) as record, workers() as pool:
         scene = load_task_scene(project, task)
         with OpenTable(project.table(name, "demonstrations"), "demonstrations") as source:
             anchors = ends_of(scene, task, source.read())

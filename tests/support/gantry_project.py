@@ -68,7 +68,7 @@ PARAMETERS: dict[str, Any] = {
         "deformation": {"width_rad": 0.2, "modes": 4}, "via-point": {"reach_rad": 0.4},
         "planner": {"paths": 3, "width_rad": 0.05},
     },
-    "compute": {"partition": 50_000, "memory_gb": 1, "scheduler": None},
+    "compute": {"partition": 50_000, "memory_gb": 1},
     "features": {"scale": "range"},
     "density": {"bandwidth": "leave-one-out"},
     "studies": {

@@ -72,7 +72,7 @@ class Remote:
             if time.monotonic() - deserted > _STARTING_S:
                 raise StageError(
                     f"the scheduler {self.scheduler} has lost all of its workers, and none has come for {_STARTING_S} "
-                    "s; start workers and run this again, or set compute.scheduler to null"
+                    "s; start workers and run this again, or name none"
                 )
 
     @contextmanager
@@ -114,14 +114,14 @@ def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
     except ImportError:
         raise StageError(
             f"the scheduler {scheduler} is named and the package `distributed` is not installed; install lessbench "
-            "with its extra `cluster`, or set compute.scheduler to null"
+            "with its extra `cluster`, or name none"
         ) from None
     try:
         client = Client(scheduler, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise StageError(
             f"the scheduler {scheduler} cannot be reached ({' '.join(str(error).split())}); start it, name another "
-            "one, or set compute.scheduler to null"
+            "one, or name none"
         ) from None
     program = fingerprint()
 
@@ -137,8 +137,7 @@ def connected(scheduler: str) -> Iterator[tuple[Callable[[], int], Call]]:
             client.wait_for_workers(1, timeout=_STARTING_S)
         except TimeoutError:
             raise StageError(
-                f"the scheduler {scheduler} has had no worker for {_STARTING_S} s; start workers, or set "
-                "compute.scheduler to null"
+                f"the scheduler {scheduler} has had no worker for {_STARTING_S} s; start workers, or name none"
             ) from None
         yield lambda: max(sum(client.nthreads().values()), 1), call
 

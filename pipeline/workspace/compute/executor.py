@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import os
+import re
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,14 +18,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, cast
 
+from pipeline.errors import StageError
+from pipeline.vocabulary import SCHEDULER
 from pipeline.workspace.progress import tracked
-from pipeline.workspace.project import Project
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 Item = TypeVar("Item")
 
-SCHEDULER = "LESSBENCH_SCHEDULER"  # this environment variable overrides compute.scheduler in params.yaml
+_ADDRESS = re.compile(r"(tcp|tls)://[^/\s]+:\d+")
 
 
 class Future(Protocol):
@@ -119,14 +121,18 @@ class Workers:
 
 
 @contextmanager
-def workers(project: Project) -> Iterator[Workers]:
-    """The cores of this machine, or the cluster if the environment or params.yaml names its scheduler.
+def workers() -> Iterator[Workers]:
+    """The cores of this machine, or the cluster if the environment names its scheduler, which no file can.
 
     Raises:
-        StageError: the scheduler cannot be reached, has no workers, or is lost.
+        StageError: what is named is no address, or the scheduler cannot be reached, has no workers, or is lost.
     """
-    scheduler = os.environ.get(SCHEDULER) or project.params.compute.scheduler
-    if scheduler is not None:
+    if scheduler := os.environ.get(SCHEDULER):
+        if not _ADDRESS.fullmatch(scheduler):
+            raise StageError(
+                f"{SCHEDULER} is {scheduler!r}, which is no address of a scheduler; it should be tcp://HOST:PORT or "
+                "tls://HOST:PORT"
+            )
         from pipeline.workspace.compute.dask_executor import connected
 
         with connected(scheduler) as (cores, call):

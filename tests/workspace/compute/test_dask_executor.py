@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import operator
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -72,11 +73,18 @@ def process(folder: Path, name: str, *arguments: str) -> Iterator[subprocess.Pop
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    folder = tmp_path / "dask"
+    with cluster_in(tmp_path / "dask") as cluster:
+        yield cluster
+
+
+@contextmanager
+def cluster_in(folder: Path, protocol: str = "tcp://") -> Iterator[Cluster]:
+    """A scheduler and two workers, whose files are in the folder."""
     folder.mkdir()
     file = folder / "scheduler.json"
     with ExitStack() as stack:
-        scheduler = stack.enter_context(process(folder, "scheduler", "--port", "0", "--scheduler-file", str(file)))
+        options = ["--port", "0", "--scheduler-file", str(file), "--protocol", protocol.removesuffix("://")]
+        scheduler = stack.enter_context(process(folder, "scheduler", *options))
         for _ in range(600):
             if file.exists():
                 break
@@ -143,7 +151,7 @@ def test_results_are_merged_on_the_workers_as_a_tree(
     make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The shape is that of `test_folds`; nothing but the last result is brought here."""
-    large["compute"]["scheduler"] = cluster.address
+    monkeypatch.setenv(executor.SCHEDULER, cluster.address)
     fetched: list[int] = []
     result = dask_executor.Remote.result
 
@@ -153,7 +161,7 @@ def test_results_are_merged_on_the_workers_as_a_tree(
         return found
 
     monkeypatch.setattr(dask_executor.Remote, "result", counted)
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         assert pool.merged(str, range(7), _pair, "numbers") == "(((01)(23))((45)6))"
         assert fetched == [19]
         with pytest.raises(ValueError, match="invalid literal"):
@@ -167,8 +175,8 @@ def _pair(one: str, other: str) -> str:
 def test_a_cluster_that_has_lost_all_workers_is_given_up(
     make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    large["compute"]["scheduler"] = cluster.address
-    with executor.workers(make_project(large)) as pool:
+    monkeypatch.setenv(executor.SCHEDULER, cluster.address)
+    with executor.workers() as pool:
         assert list(pool.mapped(str, [1, 2], "numbers")) == ["1", "2"]
         monkeypatch.setattr(dask_executor, "_LOOK_S", 0.2)
         monkeypatch.setattr(dask_executor, "_STARTING_S", 2)
@@ -184,22 +192,22 @@ def test_looks_at_the_workers_disturb_no_result(
     make_project: MakeProject, large: dict[str, Any], cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Looks about as far apart as calls take, and results whose transfer takes longer than that."""
-    large["compute"]["scheduler"] = cluster.address
+    monkeypatch.setenv(executor.SCHEDULER, cluster.address)
     monkeypatch.setattr(dask_executor, "_LOOK_S", 0.02)
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         assert list(pool.mapped(_slow, range(100), "numbers")) == [str(number) for number in range(100)]
         (found,) = pool.mapped(bytes, [50_000_000], "many")
         assert len(found) == 50_000_000
 
 
 def test_a_worker_lost_while_results_are_merged_changes_nothing(
-    make_project: MakeProject, large: dict[str, Any], cluster: Cluster
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         here = pool.merged(str, range(60), _pair, "numbers")
-    large["compute"]["scheduler"] = cluster.address
+    monkeypatch.setenv(executor.SCHEDULER, cluster.address)
     await_workers(cluster)
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         killing = threading.Timer(0.7, cluster.workers[0].kill)
         killing.start()
         assert pool.merged(_slow, range(60), _pair, "numbers") == here
@@ -207,12 +215,10 @@ def test_a_worker_lost_while_results_are_merged_changes_nothing(
         assert cluster.workers[0].wait(10) == -signal.SIGKILL
 
 
-def test_a_merge_that_fails_ends_the_fold_at_once(
-    make_project: MakeProject, large: dict[str, Any], cluster: Cluster
-) -> None:
-    large["compute"]["scheduler"] = cluster.address
+def test_a_merge_that_fails_ends_the_fold_at_once(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(executor.SCHEDULER, cluster.address)
     begin = time.monotonic()
-    with executor.workers(make_project(large)) as pool, pytest.raises(TypeError, match="unsupported operand"):
+    with executor.workers() as pool, pytest.raises(TypeError, match="unsupported operand"):
         pool.merged(_slow, range(10_000), operator.sub, "numbers")  # eight minutes in all
     assert time.monotonic() - begin < 60
 
@@ -238,13 +244,13 @@ def test_dask_with_these_options_listens_on_the_loopback_address_alone(cluster: 
 def test_what_a_part_raises_on_a_worker_is_raised_here(
     make_project: MakeProject, large: dict[str, Any], cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    large["compute"]["scheduler"] = cluster.address
+    monkeypatch.setenv(executor.SCHEDULER, cluster.address)
     job = Scaled(TableFile(tmp_path / "none.parquet", "features", ""), ("f",), np.ones(1)), [Piece(0, 0, 1)]
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         with pytest.raises(TableError, match=r"none\.parquet: there is no such file"):
             list(pool.mapped(density.spread_of, [job], "one"))
         monkeypatch.setattr(dask_executor, "fingerprint", lambda: "of another program")
-    with executor.workers(make_project(large)) as pool, pytest.raises(StageError, match="another version of lessbench"):
+    with executor.workers() as pool, pytest.raises(StageError, match="another version of lessbench"):
         list(pool.mapped(density.spread_of, [job], "one"))
 
 
@@ -255,15 +261,73 @@ def test_a_scheduler_that_does_not_answer_is_named(
     monkeypatch.setenv(executor.SCHEDULER, "tcp://127.0.0.1:1")
     with (
         pytest.raises(StageError, match=r"scheduler tcp://127\.0\.0\.1:1 cannot be reached"),
-        executor.workers(make_project(large)),
+        executor.workers(),
     ):
         pass
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(StageError, match="extra `cluster`"), executor.workers(make_project(large)):
+    with pytest.raises(StageError, match="extra `cluster`"), executor.workers():
         pass
 
 
-def test_a_scheduler_must_be_an_address(make_project: MakeProject, large: dict[str, Any]) -> None:
-    large["compute"]["scheduler"] = "somewhere"
-    with pytest.raises(ParameterError, match=r"compute\.scheduler"):
+def test_a_scheduler_must_be_an_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(executor.SCHEDULER, "somewhere")
+    with pytest.raises(StageError, match="'somewhere', which is no address of a scheduler"), executor.workers():
+        pass
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "somewhere", None])
+def test_no_file_names_a_scheduler(make_project: MakeProject, large: dict[str, Any], address: str | None) -> None:
+    """Whoever answers as a scheduler can run code here, and parameters travel with projects."""
+    large["compute"]["scheduler"] = address
+    with pytest.raises(ParameterError, match=r"compute: scheduler is no parameter, .* `lessbench --scheduler`"):
         _ = make_project(large).params
+
+
+def test_a_scheduler_for_one_command(make_project: MakeProject, large: dict[str, Any]) -> None:
+    project = make_project(large)
+    ingest.run(project, "sweep")
+    command = [sys.executable, "-m", "pipeline", "--scheduler", "tcp://127.0.0.1:1", "sample", "sweep"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    ended = subprocess.run(command, cwd=project.root, env=environment, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 1
+    assert "the scheduler tcp://127.0.0.1:1 cannot be reached" in ended.stderr
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="certificates are made by openssl, which is not there")
+def test_encrypted_and_for_those_with_a_certificate_alone(
+    make_project: MakeProject, large: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = bytes_of(make_project(large))
+    for name, value in certified(tmp_path, "ours").items():
+        monkeypatch.setenv(name, value)
+    refresh()
+    with cluster_in(tmp_path / "dask", "tls://") as cluster:
+        assert cluster.address.startswith("tls://127.0.0.1:")
+        monkeypatch.setenv(executor.SCHEDULER, cluster.address)
+        assert bytes_of(make_project(large)) == here
+        for name, value in certified(tmp_path, "theirs").items():
+            monkeypatch.setenv(name, value)
+        monkeypatch.setattr(dask_executor, "_PATIENCE_S", 2)
+        refresh()
+        with pytest.raises(StageError, match="cannot be reached"), executor.workers():
+            pass
+    monkeypatch.undo()
+    refresh()
+
+
+def certified(folder: Path, authority: str) -> dict[str, str]:
+    """Dask's settings, in the environment, for a certificate that signs itself."""
+    certificate, key = folder / f"{authority}.pem", folder / f"{authority}.key"
+    command = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", "/CN=127.0.0.1"]
+    subprocess.run([*command, "-keyout", str(key), "-out", str(certificate)], check=True, capture_output=True)
+    settings = {"REQUIRE_ENCRYPTION": "true", "TLS__CA_FILE": str(certificate)}
+    for role in ("CLIENT", "SCHEDULER", "WORKER"):
+        settings |= {f"TLS__{role}__CERT": str(certificate), f"TLS__{role}__KEY": str(key)}
+    return {f"DASK_DISTRIBUTED__COMM__{name}": value for name, value in settings.items()}
+
+
+def refresh() -> None:
+    """Read Dask's settings from the environment again."""
+    import dask
+
+    dask.config.refresh()

@@ -144,7 +144,7 @@ def test_the_sampled_score_of_parts_is_that_of_the_set(
     values[7000:7040] = values[:40]  # in other parts
     parts = [[Piece(0, first, min(2500, 12_000 - first))] for first in range(0, 12_000, 2500)]
     spread = Spread.of(values)
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         found = sampled_bandwidth(StreamedSet(pool, Rows(values), parts, spread, 1e9, "clusters"))  # type: ignore[arg-type]
     whole = select_bandwidth(values)
     assert found.rows_scored is not None
@@ -157,7 +157,7 @@ def test_the_sampled_score_of_parts_is_that_of_the_set(
 def test_rows_that_are_all_the_same_have_no_bandwidth(make_project: MakeProject, large: dict[str, Any]) -> None:
     values = np.ones((600, 2))
     parts = [[Piece(0, 0, 300)], [Piece(0, 300, 300)]]
-    with executor.workers(make_project(large)) as pool, pytest.raises(BandwidthError, match="one distinct row"):
+    with executor.workers() as pool, pytest.raises(BandwidthError, match="one distinct row"):
         StreamedSet(pool, Rows(values), parts, Spread.of(values), 1e9, "the same")  # type: ignore[arg-type]
 
 
@@ -279,7 +279,7 @@ def test_results_come_in_the_order_of_the_jobs_and_few_are_under_way(
         begun.append(number)
         return number**2
 
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         results = pool.mapped(squared, range(1000), "squares")
         assert [next(results) for _ in range(3)] == [0, 1, 4]
         assert len(begun) <= 3 + pool.cores() + 1
@@ -295,7 +295,7 @@ def test_results_come_in_the_order_of_the_jobs_and_few_are_under_way(
 def test_results_are_merged_as_a_tree_of_neighbours(
     make_project: MakeProject, large: dict[str, Any], count: int, tree: str
 ) -> None:
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         assert pool.merged(str, range(count), lambda one, other: f"({one}{other})", "numbers") == tree
         with pytest.raises(StageError, match="number 5"):
             pool.merged(_failing, range(1000), max, "failures")
@@ -315,7 +315,7 @@ def test_few_results_wait_to_be_merged(make_project: MakeProject, large: dict[st
         def __del__(self) -> None:
             alive[0] -= 1
 
-    with executor.workers(make_project(large)) as pool:
+    with executor.workers() as pool:
         pool.merged(lambda _: Counted(), range(1000), lambda one, other: Counted(), "objects")
         assert most[0] <= pool.cores() + 1 + 10 + 3
 
