@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from pipeline.arrays import FloatArray
 from pipeline.choice.kernel.density import log_density
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.models import WeightedSet
+from pipeline.choice.models import LESS, WeightedSet
 from pipeline.choice.validation import inverse_temperatures, matrix, positive, read_only, vector
 from pipeline.errors import ArgumentError
 
@@ -131,7 +131,7 @@ class PooledLESS:
 
     pool: FloatArray
     bandwidth: float
-    name: ClassVar[str] = "less"
+    name: ClassVar[str] = LESS.name
     _pool: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

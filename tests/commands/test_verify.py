@@ -39,10 +39,10 @@ def tamper(project: Project, name: str, change: Callable[[pl.DataFrame], pl.Data
 def test_nothing_has_drifted(made: Project) -> None:
     found = verify(made, "sweep", 30)
     assert found.drift == []
-    assert (found.tables, found.trajectories, found.posteriors) == (10, 33, 30)
+    assert (found.tables, found.trajectories, found.posteriors) == (11, 33, 30)
     assert found.files > 20
     assert found.lines("sweep") == [
-        f"sweep: 10 tables as they were made; {found.files} input hashes, 33 trajectories and 30 posteriors computed "
+        f"sweep: 11 tables as they were made; {found.files} input hashes, 33 trajectories and 30 posteriors computed "
         "again"
     ]
 
@@ -74,7 +74,8 @@ def test_changed_parameters(make_project: Make, parameters: dict[str, Any], made
     said = drift(make_project(parameters))
     other = "was made with other parameters than params.yaml has now"
     assert {line.split(":")[0] for line in said if other in line} == {
-        f"datasets/sweep/tables/{table}.parquet" for table in ("alternatives", "sampling", "posteriors", "held_out")
+        f"datasets/sweep/tables/{table}.parquet"
+        for table in ("alternatives", "sampling", "posteriors", "held_out", "support")
     }
     assert "datasets/sweep/tables/alternatives.parquet: was made with the seed 7; params.yaml has 8" in said
 

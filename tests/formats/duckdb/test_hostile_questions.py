@@ -96,7 +96,8 @@ BLOWING_UP = [
 
 @pytest.fixture(scope="module")
 def catalog(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("locked") / "catalog.duckdb"
+    path = tmp_path_factory.mktemp("locked") / "folder" / "catalog.duckdb"
+    path.parent.mkdir()
     with duckdb.connect(path) as con:
         con.execute("create table posteriors as select range as id, range / 10 as beta from range(1000)")
     with duckdb.connect(path.parents[1] / "other.duckdb") as con:
