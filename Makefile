@@ -34,7 +34,7 @@ test: install-dev
 	ruff format --check .
 	mypy
 	lint-imports
-	pytest -q
+	pytest -q --numprocesses auto --dist loadscope --no-loadscope-reorder
 
 # the pictures of README and docs, from what `make repro` computed
 pictures: install

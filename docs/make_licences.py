@@ -68,6 +68,7 @@ USED_FOR = {
     "distributed": "parts of a set over many machines",
     "pytest": "tests",
     "pytest-timeout": "tests",
+    "pytest-xdist": "runs them on all cores",
     "hypothesis": "tests of properties",
     "ruff": "lint and format",
     "mypy": "types",

@@ -81,6 +81,6 @@ def at_edge(marginal: FloatArray, betas: Sequence[float], model: str) -> str | N
 def edge_sentence(model: str, beta: float, edge: str) -> str:
     """What it means that `beta` is the most probable and the `least` or `greatest` of the grid."""
     return (
-        f"under {model} the most probable beta of all together, {beta:g}, is the {edge} of infer.betas, so that the best "
-        "one may be beyond it; widen the grid and see whether the answer changes"
+        f"under {model} the most probable beta of all together, {beta:g}, is the {edge} of infer.betas, so that the "
+        "best one may be beyond it; widen the grid and see whether the answer changes"
     )
