@@ -24,7 +24,8 @@ version of the program and of MuJoCo, the seed, and hashes of the scene's compil
 it was made from.
 
 A type `double[J][T]` is an array of T arrays of J numbers (numpy shape `(T, J)`); in the catalog it is a list. J stands
-for joints, T for waypoints, F for features. A value is never NaN, and missing only where the last column says so.
+for joints, T for waypoints, F for features. A value is never NaN, is within the range of the column *values*
+where it names one, and is missing only where the last column says so.
 """
 
 
@@ -49,8 +50,8 @@ def _table(name: str) -> str:
         f"### {name}\n",
         f"Each row: {contract.row}. Key: {', '.join(f'`{column}`' for column in contract.key)}. "
         f"Version {contract.version}.\n",
-        "| column | type | unit | meaning | missing |",
-        "|---|---|---|---|---|",
+        "| column | type | unit | values | meaning | missing |",
+        "|---|---|---|---|---|---|",
         *(_row(column, further=column is contract.further) for column in columns),
     ]
     return "\n".join(lines) + "\n"
@@ -58,8 +59,19 @@ def _table(name: str) -> str:
 
 def _row(column: Column, further: bool) -> str:
     name = column.name if further else f"`{column.name}`"
-    cells = [name, f"`{column.type}`", column.unit, column.description, "may be" if column.nullable else ""]
+    missing = "may be" if column.nullable else ""
+    cells = [name, f"`{column.type}`", column.unit, _range(column), column.description, missing]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _range(column: Column) -> str:
+    if column.positive:
+        return "above 0"
+    if column.least is not None and column.most is not None:
+        return f"{column.least:g} to {column.most:g}"
+    if column.least is not None:
+        return f"from {column.least:g}"
+    return "" if column.most is None else f"up to {column.most:g}"
 
 
 def _views() -> str:

@@ -28,6 +28,7 @@ class Column:
         nullable: whether a value may be missing.
         finite: whether infinities are refused, as NaN always is.
         positive: whether values must be above 0, and finite.
+        least, most: bounds of the values, but for rounding; None: there is none.
     """
 
     name: str
@@ -37,6 +38,8 @@ class Column:
     nullable: bool = False
     finite: bool = False
     positive: bool = False
+    least: float | None = None
+    most: float | None = None
 
     @property
     def scalar(self) -> str:

@@ -91,13 +91,18 @@ def verify(
 
     Example: `lessbench verify table --sample 100`
     """
-    from pipeline.commands.verify import verify
+    from pipeline.commands.verify import verify, verify_project
 
     project = this_project()
     sound = True
     for name in [task] if task else [*project.params.tasks, STUDIES]:
         found = verify(project, name, sample)
         for line in found.lines(name):
+            say(line)
+        sound &= not found.drift
+    if task is None:
+        found = verify_project(project)
+        for line in found.lines("catalog and report"):
             say(line)
         sound &= not found.drift
     if not sound:

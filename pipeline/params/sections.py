@@ -234,12 +234,14 @@ class Compute(_Section):
     @model_validator(mode="before")
     @classmethod
     def _no_scheduler(cls, section: Any) -> Any:
-        if isinstance(section, Mapping) and "scheduler" in section:
+        if not isinstance(section, Mapping) or "scheduler" not in section:
+            return section
+        if section["scheduler"] is not None:
             raise ValueError(
                 "scheduler is no parameter, as a scheduler can run code here, and parameters may come from others; "
                 f"remove it, and name yours with `lessbench --scheduler` or in the environment, {SCHEDULER}"
             )
-        return section
+        return {key: value for key, value in section.items() if key != "scheduler"}  # null, as it once had to be
 
 
 class Features(_Section):

@@ -15,7 +15,7 @@ from pipeline.workspace.provenance import content_hash
 
 def run(project: Project) -> None:
     """Write datasets/catalog.duckdb from every table that is there."""
-    with recorded_run(project, "catalog", ALL) as record, ExitStack() as stack:
+    with recorded_run(project, "catalog", ALL, (project.catalog,)) as record, ExitStack() as stack:
         tables: dict[str, list[tuple[str | None, OpenTable]]] = {}
         sources = []
         for place in (*project.params.tasks, STUDIES):

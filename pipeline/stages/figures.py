@@ -38,7 +38,7 @@ def run(project: Project, name: str) -> None:
     """Write the figures and metrics.json of the task `name`."""
     project.params.task(name)
     with (
-        recorded_run(project, "figures", name) as record,
+        recorded_run(project, "figures", name, (project.figures(name), project.metrics(name))) as record,
         TaskTables(project.tables(name, INPUTS)) as inputs,
         TaskTables(project.tables(name, ("held_out", "rejected", *ROBUSTNESS))) as results,
     ):

@@ -17,7 +17,7 @@ from pipeline.workspace.project import Project, recorded_run
 def run(project: Project) -> None:
     """Write the figures and metrics.json of the human choice study and of the grid world."""
     grid = project.params.studies.grid_world
-    with recorded_run(project, "figures", STUDIES) as record:
+    with recorded_run(project, "figures", STUDIES, (project.figures(STUDIES), project.metrics(STUDIES))) as record:
         summary = _table(project, "grid_world_summary")
         means = with_mean_intervals(summary)
         paths, posteriors = _table(project, "grid_world_paths"), _table(project, "grid_world_posteriors")

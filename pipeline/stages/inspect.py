@@ -34,7 +34,7 @@ AXES = 3
 def run(project: Project, name: str) -> None:
     """Write inspect.rrd of the task `name`."""
     task = project.params.task(name)
-    with recorded_run(project, "inspect", name) as record:
+    with recorded_run(project, "inspect", name, (project.datasets / name / "inspect.rrd",)) as record:
         scene = load_task_scene(project, task)
         path = project.datasets / name / "inspect.rrd"
         write_inspection(path, inspection(project, name, task, scene))

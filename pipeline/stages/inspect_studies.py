@@ -13,7 +13,7 @@ from pipeline.workspace.project import Project, recorded_run
 
 def run(project: Project) -> None:
     """Write inspect.rrd of the studies."""
-    with recorded_run(project, "inspect", STUDIES) as record:
+    with recorded_run(project, "inspect", STUDIES, (project.datasets / STUDIES / "inspect.rrd",)) as record:
         path = project.datasets / STUDIES / "inspect.rrd"
         write_studies(path, study_tables(project))
         record.produced = f"{path.stat().st_size / 1e6:.1f} MB"

@@ -10,6 +10,6 @@ from pipeline.workspace.project import Project, recorded_run
 
 def run(project: Project) -> None:
     """Write datasets/report.html from the catalog, the figures and the headline numbers."""
-    with recorded_run(project, "report", ALL) as record:
+    with recorded_run(project, "report", ALL, (project.datasets / "report.html",)) as record:
         size = write_report(project.datasets / "report.html", report(project))
         record.produced = f"{size / 1e6:.1f} MB"

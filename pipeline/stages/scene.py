@@ -22,7 +22,7 @@ def run(project: Project, name: str) -> None:
     Raises:
         SceneError: see `load_task_scene`.
     """
-    with recorded_run(project, "scene", name) as record:
+    with recorded_run(project, "scene", name, (project.scene_record(name),)) as record:
         scene = load_task_scene(project, project.params.task(name))
         files = {project.shown(path): content_hash(path) for path in scene_files(scene.path)}
         about = {

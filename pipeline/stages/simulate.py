@@ -26,7 +26,7 @@ def run(project: Project, name: str) -> None:
     task, settings, seed = project.params.task(name), project.params.simulate, project.params.seed
     if name not in settings.weights:
         raise ParameterError(f"simulate.weights has no task {name!r}; it has {one_of(settings.weights)}")
-    with recorded_run(project, "simulate", name) as record:
+    with recorded_run(project, "simulate", name, (project.datasets / name / "recordings",)) as record:
         scene = load_task_scene(project, task)
         room = Room.of(scene, task.surface, task.collisions, task_anchor(scene), str(scene.path))
         planning = Planning.of(room, task.preferences, project.params.ingest.waypoints)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,6 +19,7 @@ from pipeline.formats.files.lock import held
 from pipeline.formats.files.parent_process import end_with_parent
 from pipeline.params import Params, Task
 from pipeline.terminal import say
+from pipeline.workspace.outputs import output_hash
 from pipeline.workspace.progress import say_done
 
 RUNS = ".lessbench/runs"
@@ -120,18 +121,26 @@ def find_project(start: Path, overlay: Path | None = None) -> Project:
 
 @dataclass
 class Run:
-    """What a stage says about its run; `produced` is one phrase for the summary."""
+    """What a stage says about its run; `produced` is one phrase for the summary.
+
+    `wrote` has, by path within the project, the hashes of what it wrote beside its tables.
+    """
 
     stage: str
     task: str
     produced: str = ""
     seconds: float = 0.0
     notes: list[str] = field(default_factory=list)
+    wrote: dict[str, str | None] = field(default_factory=dict)
 
 
 @contextmanager
-def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
+def recorded_run(project: Project, stage: str, task: str, writes: Sequence[Path] = ()) -> Iterator[Run]:
     """Run a stage alone, time it and keep a record of it for `lessbench summary`; nothing is kept when it fails.
+
+    Args:
+        project, stage, task: what is run.
+        writes: files and folders that it writes beside its tables; their hashes are kept for `lessbench verify`.
 
     Raises:
         StageError: the same stage is running elsewhere, or a file cannot be written.
@@ -143,6 +152,7 @@ def recorded_run(project: Project, stage: str, task: str) -> Iterator[Run]:
         begin = time.perf_counter()
         yield run
         run.seconds = time.perf_counter() - begin
+        run.wrote = {project.shown(path): output_hash(path) for path in writes}
         with written_whole(project.root / RUNS / f"{stage}@{task}.json") as stream:
             stream.write(json.dumps({**run.__dict__, "finished": time.time()}).encode())
     say_done(f"{stage} {task}", run.produced, run.seconds)

@@ -42,8 +42,8 @@ def test_nothing_has_drifted(made: Project) -> None:
     assert (found.tables, found.trajectories, found.posteriors) == (11, 33, 30)
     assert found.files > 20
     assert found.lines("sweep") == [
-        f"sweep: 11 tables as they were made; {found.files} input hashes, 33 trajectories and 30 posteriors computed "
-        "again"
+        f"sweep: 11 tables as they were made; 0 other outputs, {found.files} input hashes, 33 trajectories and 30 "
+        "posteriors checked again"
     ]
 
 
@@ -116,7 +116,10 @@ def test_what_dvc_recorded_is_compared(made: Project) -> None:
         for name in ("held_out", "shifted_features")
     )
     (made.root / "dvc.lock").write_text(f"schema: '2.0'\nstages:\n  infer@sweep:\n    outs:\n{entries}")
-    assert drift(made, 0) == ["datasets/sweep/tables/held_out.parquet: is not the file that `dvc repro` wrote"]
+    assert drift(made, 0) == [
+        "datasets/sweep/tables/shifted_features.parquet: is not there any more; make it again with `dvc repro`",
+        "datasets/sweep/tables/held_out.parquet: is not the file that `dvc repro` wrote",
+    ]
 
 
 def test_the_studies(make_project: Make, parameters: dict[str, Any]) -> None:

@@ -178,9 +178,9 @@ def _add_sources(con: duckdb.DuckDBPyConnection, sources: Sequence[SourceFile]) 
     """The tables `files` and `inputs`."""
     files, inputs = [], []
     for source in sources:
-        made_by, made_from = _stated(source)
-        file = _path(source.file)
-        files.append([file, source.table, source.task, source.sha256, *made_by])
+        file, about = _path(source.file), source.provenance
+        files.append([file, source.table, source.task, source.sha256, *(about.get(key) for key in MADE_BY)])
+        made_from = cast("Mapping[str, str]", about.get("inputs") or {})
         inputs += [[file, _path(path), sha256] for path, sha256 in made_from.items()]
     for table, rows in ((FILES, files), (INPUTS, inputs)):
         comment, columns = PROVENANCE_TABLES[table]
@@ -196,29 +196,6 @@ def _add_sources(con: duckdb.DuckDBPyConnection, sources: Sequence[SourceFile]) 
 def _path(path: str) -> str:
     """A path as text: bytes of it that are none become `\\udcff` and the like."""
     return path.encode("utf-8", "backslashreplace").decode()
-
-
-def _stated(source: SourceFile) -> tuple[list[object], Mapping[str, str]]:
-    """What a file says of its making, and the hashes of its inputs by their paths.
-
-    Raises:
-        TableError: that is of another kind than what the stages write.
-    """
-    provenance = source.provenance if isinstance(source.provenance, Mapping) else {"inputs": None}
-    made_by = [provenance.get(key) for key in MADE_BY]
-    made_from = provenance.get("inputs", {})
-    sound = isinstance(made_from, Mapping) and all(isinstance(sha256, str) for sha256 in made_from.values())
-    for key, value in zip(MADE_BY, made_by, strict=True):
-        if key == "seed":
-            sound &= value is None or (type(value) is int and abs(value) < 1 << 63)
-        else:
-            sound &= value is None or isinstance(value, str)
-    if not sound or not isinstance(made_from, Mapping):
-        raise TableError(
-            f"{source.file}: what its metadata says of its making is not what a stage writes; make it again with "
-            "`dvc repro`"
-        )
-    return made_by, made_from
 
 
 def _add_view(con: duckdb.DuckDBPyConnection, name: str, view: View) -> None:

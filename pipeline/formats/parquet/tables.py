@@ -15,7 +15,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 from pipeline.errors import StageError, TableError
 from pipeline.formats.files.atomic import written_whole
-from pipeline.formats.parquet.checked.conformance import PROVENANCE_KEY, SCHEMA_KEY, to_arrow
+from pipeline.formats.parquet.checked.conformance import CONTENT_KEY, PROVENANCE_KEY, SCHEMA_KEY, to_arrow
+from pipeline.formats.parquet.checked.content_digest import ContentDigest
 from pipeline.formats.parquet.checked.key_ranges import KeyRanges
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from schemas import TableSchema, schema
@@ -70,6 +71,7 @@ class TableWriter:
         }
         self._file: pq.ParquetWriter | None = None
         self._keys = KeyRanges(path, contract)
+        self._content: ContentDigest | None = None
         self.parts = 0
 
     def write(self, part: pl.DataFrame) -> None:
@@ -82,11 +84,12 @@ class TableWriter:
         import pyarrow.parquet as pq
 
         arrow = to_arrow(part, self._contract, self._path).replace_schema_metadata(self._metadata)
-        if self._file is None:
+        if self._file is None or self._content is None:
             self._file = pq.ParquetWriter(
                 self._stream, arrow.schema, compression="zstd", use_dictionary=_repeating(arrow.schema),
                 write_page_checksum=True,
             )  # fmt: skip
+            self._content = ContentDigest(arrow.schema)
         elif arrow.schema != self._file.schema:
             raise TableError(
                 f"{self._path}: a part of table {self._contract.name!r} has the columns "
@@ -94,11 +97,13 @@ class TableWriter:
             )
         self._keys.add(part)
         self._file.write_table(arrow)
+        self._content.add(arrow)
         self.parts += 1
 
     def close(self) -> None:
         """Write the end of the file."""
-        if self._file is not None:
+        if self._file is not None and self._content is not None:
+            self._file.add_key_value_metadata({CONTENT_KEY.decode(): self._content.hexdigest()})
             self._file.close()
 
 

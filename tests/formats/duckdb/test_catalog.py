@@ -1,7 +1,6 @@
 """The catalog: all tasks in one file, opened from anywhere, and questions that cannot do harm."""
 
 from pathlib import Path
-from typing import Any
 
 import duckdb
 import numpy as np
@@ -292,26 +291,6 @@ def test_features_that_differ_in_case_alone_are_refused_in_one_task_and_joined_b
 def test_values_and_tasks_are_texts_whatever_is_in_them(tmp_path: Path, hostile: str) -> None:
     path = build_from(tmp_path, "features", features(effort=[1.0]).with_columns(id=pl.lit(hostile)), hostile)
     assert ask(path, "select task, id, effort from features").rows() == [(hostile, hostile, 1.0)]
-
-
-@pytest.mark.parametrize(
-    "provenance",
-    [
-        {"seed": "seven"},
-        {"seed": 1 << 63},
-        {"seed": True},
-        {"program": ["lessbench"]},
-        {"inputs": ["a"]},
-        {"inputs": {"a": 1}},
-        {"inputs": None},
-        ["not", "an", "object"],
-    ],
-)
-def test_what_a_file_says_of_its_making_is_checked(tmp_path: Path, provenance: Any) -> None:
-    source = SourceFile("t/features.parquet", "features", "t", "00", provenance)
-    with pytest.raises(TableError, match=r"t/features\.parquet: what its metadata says"):
-        build_catalog(tmp_path / "catalog.duckdb", {}, [source])
-    assert not (tmp_path / "catalog.duckdb").exists()
 
 
 def test_a_table_is_handed_over_part_by_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

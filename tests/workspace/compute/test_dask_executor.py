@@ -275,12 +275,14 @@ def test_a_scheduler_must_be_an_address(monkeypatch: pytest.MonkeyPatch) -> None
         pass
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "somewhere", None])
-def test_no_file_names_a_scheduler(make_project: MakeProject, large: dict[str, Any], address: str | None) -> None:
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:8786", "somewhere", ""])
+def test_no_file_names_a_scheduler(make_project: MakeProject, large: dict[str, Any], address: str) -> None:
     """Whoever answers as a scheduler can run code here, and parameters travel with projects."""
     large["compute"]["scheduler"] = address
     with pytest.raises(ParameterError, match=r"compute: scheduler is no parameter, .* `lessbench --scheduler`"):
         _ = make_project(large).params
+    large["compute"]["scheduler"] = None
+    assert make_project(large).params.compute.partition == 100
 
 
 def test_a_scheduler_for_one_command(make_project: MakeProject, large: dict[str, Any]) -> None:

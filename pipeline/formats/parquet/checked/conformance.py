@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 SCHEMA_KEY = b"lessbench.schema"
 PROVENANCE_KEY = b"lessbench.provenance"
+CONTENT_KEY = b"lessbench.content"
 GROUPS = ("anchor", "set_size", "set_id")  # columns that say which set of alternatives a row belongs to
+ROUNDING = 1e-9  # beyond a bound: sums of probabilities and logarithms of them carry errors of 1e-12
 REMEDY = "make it again with `dvc repro`"
 
 
@@ -79,14 +81,30 @@ def stored_provenance(metadata: Mapping[bytes, bytes], path: Path) -> dict[str, 
         TableError: it cannot be read.
     """
     try:
-        provenance: dict[str, object] = json.loads(metadata.get(PROVENANCE_KEY, b"{}"))
-    except ValueError:
-        raise TableError(f"{path}: what it says of its provenance cannot be read; {REMEDY}") from None
-    return provenance
+        provenance = json.loads(metadata.get(PROVENANCE_KEY, b"{}"))
+        sound = isinstance(provenance, dict) and all(
+            _is_digests(value) if key == "inputs" else value is None or _is_plain(key, value)
+            for key, value in provenance.items()
+        )
+    except (ValueError, RecursionError):
+        sound = False
+    if not sound:
+        raise TableError(f"{path}: what it says of its making is not what a stage writes; {REMEDY}")
+    return dict(provenance)
+
+
+def _is_digests(value: object) -> bool:
+    return isinstance(value, dict) and all(isinstance(digest, str) for digest in value.values())
+
+
+def _is_plain(key: str, value: object) -> bool:
+    if key == "seed":
+        return type(value) is int and abs(value) < 1 << 63
+    return isinstance(value, str)
 
 
 def check_values(table: pl.DataFrame, columns: Mapping[str, Column], path: Path, first: int = 0) -> None:
-    """Check that no value is missing, NaN, infinite or negative where that is not allowed.
+    """Check that no value is missing, NaN, infinite or out of range where that is not allowed.
 
     Args:
         table: some rows.
@@ -165,20 +183,33 @@ def _check_column(table: pl.DataFrame, name: str, column: Column, path: Path, fi
                 f"{path}: column {name!r} has a gap within row {_row(values.is_null(), table, first)}, which it may "
                 "not have"
             )
-    if column.scalar in ("float", "double"):
+    if column.scalar in ("int64", "float", "double"):
         if not values.dtype.is_numeric():
             raise TableError(f"{path}: column {name!r} is {values.dtype}, needed is {column.type}")
-        if not values.dtype.is_float():
-            return
+        floats = values.dtype.is_float()
         for what, wrong in (
-            ("NaN", values.is_nan()),
-            *([("an infinite value", values.is_infinite())] if column.finite or column.positive else []),
+            *([("NaN", values.is_nan())] if floats else []),
+            *([("an infinite value", values.is_infinite())] if floats and (column.finite or column.positive) else []),
             *([("a value that is not above 0", values <= 0)] if column.positive else []),
         ):
             if wrong.any():
                 raise TableError(
                     f"{path}: column {name!r} holds {what} in row {_row(wrong, table, first)}, which is never allowed"
                 )
+        _check_range(values, table, name, column, path, first)
+
+
+def _check_range(values: pl.Series, table: pl.DataFrame, name: str, column: Column, path: Path, first: int) -> None:
+    for bound, side in ((column.least, "least"), (column.most, "most")):
+        if bound is None:
+            continue
+        beyond = values < bound - ROUNDING if side == "least" else values > bound + ROUNDING
+        if beyond.any():
+            value = values.filter(beyond)[0]
+            raise TableError(
+                f"{path}: column {name!r} holds {value:g} in row {_row(beyond, table, first)}; it is at {side} "
+                f"{bound:g}; {REMEDY}"
+            )
 
 
 def _row(wrong: pl.Series, table: pl.DataFrame, first: int) -> int:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.errors import TableError
 from pipeline.formats.parquet.checked.conformance import (
+    CONTENT_KEY,
     GROUPS,
     REMEDY,
     check_file_schema,
@@ -62,6 +63,7 @@ class OpenTable:
         lengths: of its arrays, by the letters of the schema.
         parts: how many rows each part has.
         provenance: what is stored about where the rows came from.
+        content: the checksum of the rows when they were written; see `content_digest`.
 
     Raises:
         TableError: the file is missing, or is no such table. Every method raises it when rows break the schema.
@@ -90,6 +92,7 @@ class OpenTable:
         groups = range(metadata.num_row_groups)  # a file may have none, which makes one part without rows
         self.parts: tuple[int, ...] = tuple(metadata.row_group(number).num_rows for number in groups) or (0,)
         self.provenance = stored_provenance(columns.metadata, path)
+        self.content = (metadata.metadata or {}).get(CONTENT_KEY, b"").decode("ascii", "replace")
 
     @property
     def rows(self) -> int:
