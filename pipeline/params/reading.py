@@ -11,8 +11,10 @@ from pydantic import ValidationError
 
 from pipeline.errors import ParameterError, one_of
 from pipeline.params.sections import FILE, Params, ShiftedSampler, Task
+from pipeline.params.sizes import check_sizes
+from pipeline.yaml_text import YamlError, plain_yaml
 
-LARGEST_BYTES, MOST_VALUES = 1_000_000, 100_000
+LARGEST_BYTES = 1_000_000
 _KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 
 
@@ -42,9 +44,11 @@ def parse(document: object, source: str = FILE) -> Params:
     if not isinstance(document, dict):
         raise ParameterError(f"{source}: holds no parameters; needed are the sections {one_of(Params.model_fields)}")
     try:
-        return Params.model_validate(document)
+        parameters = Params.model_validate(document)
     except ValidationError as error:
         raise ParameterError(f"{source}: {_sentence(error)}") from None
+    check_sizes(parameters, source)
+    return parameters
 
 
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
@@ -57,44 +61,18 @@ def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read_yaml(path: Path) -> object:
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
     try:
         with path.open("rb") as stream:
             content = stream.read(LARGEST_BYTES + 1)
         if len(content) > LARGEST_BYTES:
             raise ParameterError(f"{path}: is larger than {LARGEST_BYTES:,} bytes; parameters take far less")
-        document: object = YAML(typ="safe", pure=True).load(content.decode("utf-8"))
-        if _beyond(document, MOST_VALUES):
-            raise ParameterError(
-                f"{path}: holds more than {MOST_VALUES:,} values once its aliases are written out, or an alias of "
-                "itself"
-            )
-        return document
+        return plain_yaml(content.decode("utf-8"))
     except FileNotFoundError:
         raise ParameterError(f"{path}: there is no such file; run this in a folder that has a {FILE}") from None
-    except RecursionError:
-        raise ParameterError(f"{path}: is nested too deeply for parameters") from None
-    except (YAMLError, ValueError, OverflowError) as error:
-        raise ParameterError(f"{path}: is not readable YAML ({' '.join(str(error).split())})") from None
-
-
-def _beyond(document: object, most: int) -> bool:
-    """Whether a document has more values than that, each counted as often as an alias repeats it."""
-    left, waiting = most, [document]
-    while waiting:
-        left -= 1
-        if left < 0:
-            return True
-        value = waiting.pop()
-        if isinstance(value, dict):
-            waiting.extend(value.values())
-        elif isinstance(value, list):
-            waiting.extend(value)
-        if len(waiting) > most:
-            return True
-    return False
+    except UnicodeDecodeError as error:
+        raise ParameterError(f"{path}: is not readable YAML (byte {error.start} is no UTF-8)") from None
+    except YamlError as error:
+        raise ParameterError(f"{path}: {error}") from None
 
 
 def _sentence(error: ValidationError) -> str:

@@ -201,9 +201,9 @@ class Planner(_Section):
 class Sample(_Section):
     """Which sets of alternatives are drawn, and how."""
 
-    sizes: Annotated[tuple[Annotated[int, Field(strict=True, ge=2)], ...], Field()]
+    sizes: Annotated[tuple[Annotated[int, Field(strict=True, ge=2, le=100_000_000)], ...], Field()]
     sets: Annotated[int, Field(strict=True, ge=0, le=1000)]
-    working_set: Annotated[int, Field(strict=True, ge=2)]
+    working_set: Annotated[int, Field(strict=True, ge=2, le=100_000_000)]
     sampler: SamplerWord
     given: str | None
     deformation: Deformation
@@ -298,7 +298,7 @@ class Duplicates(_Section):
     """
 
     set_size: Annotated[int, Field(strict=True, ge=2)]
-    copied: Annotated[int, Field(strict=True, ge=1)]
+    copied: Annotated[int, Field(strict=True, ge=1, le=1_000_000)]
     copies: Annotated[tuple[Annotated[int, Field(strict=True, ge=1, le=10_000)], ...], Field(min_length=1)]
     spreads: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
 
@@ -359,8 +359,8 @@ class GridWorldSettings(_Section):
     size: Annotated[int, Field(strict=True, ge=3, le=11)]
     objects: tuple[tuple[Cell, Cell], tuple[Cell, Cell]]
     beta: Positive
-    demonstrations: Annotated[int, Field(strict=True, ge=1)]
-    seeds: Annotated[int, Field(strict=True, ge=2)]
+    demonstrations: Annotated[int, Field(strict=True, ge=1, le=10_000)]
+    seeds: Annotated[int, Field(strict=True, ge=2, le=100_000)]
 
     @model_validator(mode="after")
     def _objects_on_the_grid(self) -> GridWorldSettings:
@@ -380,7 +380,7 @@ class Studies(_Section):
 class Params(_Section):
     """The whole of params.yaml."""
 
-    seed: Annotated[int, Field(strict=True, ge=0)]
+    seed: Annotated[int, Field(strict=True, ge=0, lt=1 << 63)]
     tasks: Annotated[dict[Name, Task], Field(min_length=1), AfterValidator(_frozen)]
     simulate: Simulate
     ingest: Ingest

@@ -113,6 +113,8 @@ HARMFUL = {
     "a tag of its own": "seed: !mine 3\n",
     "a key twice": "seed: 1\nseed: 2\n",
     "aliases that multiply": BOMB,
+    "merges that multiply": "a0: &a0 {x: 1, y: 2}\n"
+    + "".join(f"a{n}: &a{n} {{<<: [{', '.join([f'*a{n - 1}'] * 9)}]}}\n" for n in range(1, 12)),
     "an alias of itself": "seed: &a [*a]\n",
     "nesting without end": "seed: " + "[" * 20_000 + "\n",
     "more than a megabyte": "seed: 1 # " + "x" * 1_100_000 + "\n",

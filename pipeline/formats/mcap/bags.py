@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from pipeline.errors import RecordingError
 from pipeline.formats.mcap.rejection_reasons import Reason, rejection
+from pipeline.yaml_text import YamlError, plain_yaml
 
 ENDING = ".mcap"
 INDEX = "metadata.yaml"  # what rosbag2 writes beside the files of a bag
@@ -198,13 +196,11 @@ def _listed(path: Path) -> list[str]:
             text = stream.read(LARGEST_INDEX + 1)
         if len(text) > LARGEST_INDEX:
             raise rejection("bad-metadata", f"{INDEX} has more than {LARGEST_INDEX} bytes; remove it.")
-        if b"&" in text:  # aliases can make a small file a large object
-            raise rejection("bad-metadata", f"{INDEX} has YAML anchors, which rosbag2 does not write; remove it.")
-        content: Any = YAML(typ="safe", pure=True).load(text.decode())
+        content: Any = plain_yaml(text.decode())
         found = content["rosbag2_bagfile_information"]["relative_file_paths"]
     except OSError as error:
         raise rejection("bad-metadata", f"{INDEX} cannot be read: {error.strerror or error}.") from error
-    except (YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError, RecursionError) as error:
+    except (YamlError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
         raise rejection(
             "bad-metadata", f"{INDEX} is not what rosbag2 writes, and lists no relative_file_paths; remove it."
         ) from error
