@@ -57,6 +57,7 @@ def options(
 
 def main() -> None:
     """Run the command line; a user's mistake ends in one sentence and exit status 1."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # Pythons that libraries start import nothing from the folder we stand in
     terminal.prepare()
     sys.excepthook = _say_traceback
     try:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.shared import SETUP, TaskName, this_project
-from pipeline.terminal import say
+from pipeline.terminal import LONGEST_MESSAGE, plain, say
 
 commands = typer.Typer()
 
@@ -64,6 +64,25 @@ def run(task: TaskName) -> None:
     from pipeline.commands.run import run_task
 
     run_task(this_project(), task)
+
+
+@commands.command("inspect-project", rich_help_panel=SETUP)
+def inspect_project(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A project that came from elsewhere.")],
+) -> None:
+    """Look at a received project without running anything of it: what would run, what leads out of it, what is odd.
+
+    Exit status 1 if there is any of that, 0 if nothing runs but the stages of this program.
+
+    Example: `lessbench inspect-project received/`.
+    """
+    from pipeline.commands.inspect_project import inspect_project
+
+    found = inspect_project(folder)
+    for line in found.lines():
+        say(plain(line, LONGEST_MESSAGE))
+    if found.findings:
+        raise typer.Exit(1)
 
 
 @commands.command(rich_help_panel=SETUP)

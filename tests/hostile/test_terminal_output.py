@@ -69,6 +69,7 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ],
     ("run",): [[EVIL]],
     ("recover",): [[]],
+    ("inspect-project",): [["."], [EVIL]],
     ("import", "ferl"): [[EVIL, "out", "--joints", "a"], [f"{FILE}.xml", "out", "--joints", EVIL]],
 }  # fmt: skip
 
