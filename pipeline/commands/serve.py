@@ -97,6 +97,7 @@ def serve(project: Project, name: str, address: Address, *, stay: bool) -> None:
 def announce(address: Address, what: str, *, stay: bool) -> None:
     """Say where viewers connect, and open one if there is a display and somebody to look at it."""
     say(f"serving {what} at {address.uri}")
+    say("every user of this machine can look at it and write into it, as Rerun asks nobody who they are")
     without = open_beside(address) if stay else "nobody is at a terminal here"
     if without is None:
         say("opened in the Rerun viewer; Ctrl-C ends serving")

@@ -52,9 +52,10 @@ def outer_address() -> str | None:
 def test_a_recording_is_served_here_only_and_saved(inferred: Project, tmp_path: Path, stage: str) -> None:
     with lessbench(inferred, stage, "sweep", "--live", "--port", "0", "--stay") as process:
         assert process.stdout is not None
-        first, second = process.stdout.readline(), process.stdout.readline()
+        first, warned, second = (process.stdout.readline() for _ in range(3))
         said = re.fullmatch(r"serving the recording of sweep at (rerun\+http://127\.0\.0\.1:(\d+)/proxy)\n", first)
         assert said, first
+        assert warned.startswith("every user of this machine can look at it and write into it")
         uri, port = said[1], int(said[2])
         assert second.startswith("no viewer was opened: there is no display here")
         assert second.endswith(f"connect one with: rerun {uri}\n")
