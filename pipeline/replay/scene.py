@@ -19,6 +19,7 @@ import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError, few_of, one_of
+from pipeline.replay.declared_sizes import check_declared_sizes
 from pipeline.replay.mechanism.causes import RADIANS_AS_DEGREES, ranges_in_radians
 from pipeline.replay.mechanism.chain import Carried, Chain
 from pipeline.replay.mechanism.couplings import Coupling, joint_couplings, led_by
@@ -235,9 +236,10 @@ def _assets(path: Path) -> list[Path]:
 def _compile(path: Path) -> Any:
     if not path.is_file():
         raise SceneError(f"There is no scene file {path}; give the path of an MJCF file.")
+    check_declared_sizes(path)
     try:
         return mujoco.MjModel.from_xml_path(str(path))
-    except (ValueError, mujoco.FatalError) as error:
+    except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SceneError(f"MuJoCo cannot compile {path}: {_one_line(error)}") from error
 
 
