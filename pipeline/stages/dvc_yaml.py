@@ -34,7 +34,6 @@ NEUTRAL = {
     "pipeline/params/reading.py",
     "pipeline/params/sections.py",
     "pipeline/params/sizes.py",
-    "pipeline/replay/declared_sizes.py",
     "pipeline/stages/registry.py",
     "pipeline/terminal.py",
     "pipeline/workspace/outputs.py",

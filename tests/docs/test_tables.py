@@ -27,9 +27,26 @@ def test_every_column_of_every_table_is_there(name: str) -> None:
     page = (DOCS / "tables.md").read_text(encoding="utf-8")
     section = page.split(f"### {name}\n")[1].split("\n#")[0]
     for column in schemas.schema(name).columns:
-        assert f"| `{column.name}` | `{column.type}` | {column.unit} | {column.description} |" in section
+        before, after = f"| `{column.name}` | `{column.type}` | {column.unit} | ", f" | {column.description} |"
+        (row,) = [row for row in section.splitlines() if row.startswith(before)]
+        values = row.removeprefix(before).partition(" |")[0].removesuffix("|").strip()
+        assert after in f" {row}"
+        for bound in (column.least, column.most):
+            assert bound is None or f"{bound:g}" in values.split()
 
 
 def test_pipes_do_not_break_a_row() -> None:
     column = schemas.Column("level", "double", "|x| of the row")
-    assert make_tables._row(column, further=False) == "| `level` | `double` |  | \\|x\\| of the row |  |"
+    assert make_tables._row(column, further=False) == "| `level` | `double` |  |  | \\|x\\| of the row |  |"
+
+
+@pytest.mark.parametrize(
+    ("bounds", "said"),
+    [
+        ({"least": 0, "most": 1}, "0 to 1"), ({"least": 1}, "from 1"), ({"most": 0}, "up to 0"),
+        ({"positive": True}, "above 0"), ({}, ""),
+    ],
+)  # fmt: skip
+def test_the_range_of_a_column_is_said(bounds: dict[str, float], said: str) -> None:
+    column = schemas.Column("level", "double", "of the row", **bounds)
+    assert make_tables._row(column, further=False) == f"| `level` | `double` |  | {said} | of the row |  |"
