@@ -45,6 +45,8 @@ class Verified:
         """One line per drift; if there is none, one that says what was looked at."""
         if self.drift:
             return [f"drift: {sentence}" for sentence in self.drift]
+        if not self.tables:
+            return [f"{name}: as they were written"]
         return [
             f"{name}: {self.tables} tables as they were made; {self.outputs} other outputs, {self.files} input hashes, "
             f"{self.trajectories} trajectories and {self.posteriors} posteriors checked again"

@@ -78,6 +78,7 @@ def drift(project: Project) -> list[str]:
 
 def test_nothing_is_altered(made: Project) -> None:
     assert drift(made) == []
+    assert verify_project(made).lines("catalog and report") == ["catalog and report: as they were written"]
 
 
 @pytest.mark.parametrize("table", TABLES)
