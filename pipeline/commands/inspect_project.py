@@ -11,22 +11,23 @@ from pathlib import Path, PurePosixPath
 from xml.parsers import expat
 
 import pipeline
-from pipeline.errors import ParameterError
-from pipeline.stages.registry import STAGES
-from pipeline.vocabulary import STUDIES
+from pipeline import params
+from pipeline.errors import ParameterError, WorkbenchError
+from pipeline.stages.dvc_yaml import FILE as DVC_YAML
+from pipeline.stages.dvc_yaml import dvc_yaml
 from pipeline.yaml_text import YamlError, plain_yaml
 
 MOST_FILES = 200_000
 LARGEST_TEXT = 5_000_000  # bytes of a YAML, XML or configuration file that are read
 LARGE = 1_000_000_000  # bytes of a file that is named for its size
+PROGRAM = ("pipeline", "schemas")
 SKIPPED = (".git/objects", ".dvc/cache")  # contents by their hashes, of which nothing runs
 RUNS, LEADS_OUT, ODD = "runs code", "leads out of the folder", "is odd"
 
-_COMMANDS = {stage.command for stage in STAGES}
-_OF_STAGES = re.compile(rf"lessbench ([a-z -]+?)( (\$\{{[a-z.]+\}}|{STUDIES}|\w+))?")
 _BY_HAND = {
     ".py": "Python", ".ipynb": "a notebook", ".sh": "a shell script", ".pkl": "a pickle", ".pickle": "a pickle",
     ".p": "a pickle", ".joblib": "a pickle", ".pt": "a pickle", ".pth": "Python that every start of Python runs",
+    ".pyc": "compiled Python, which may be of another text",
     ".so": "machine code", ".dylib": "machine code", ".dll": "machine code", ".exe": "machine code", ".bat": "a script",
 }  # fmt: skip
 _BY_NAME = {
@@ -108,7 +109,6 @@ def inspect_project(folder: Path) -> Inspection:
             found.files += 1
             found.size += about.st_size
             _look_at_file(path, shown, about, found)
-    _look_at_code(folder, found)
     return found
 
 
@@ -139,6 +139,8 @@ def _walk(folder: Path, found: Inspection) -> Iterator[tuple[Path, os.stat_resul
 
 
 def _look_at_link(folder: Path, path: Path, shown: str, found: Inspection) -> None:
+    if shown.partition("/")[0] in PROGRAM:
+        found.add(RUNS, shown, f"is a link to {path.readlink()} where the program should be")
     try:
         inside = path.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError):
@@ -163,7 +165,10 @@ def _look_at_file(path: Path, shown: str, about: os.stat_result, found: Inspecti
         _look_at_commands(path, shown, found)
     elif name in _BY_NAME and not _same_as_ours(path, shown):
         found.add(RUNS, shown, f"holds {_BY_NAME[name]}, which run when you call for them")
-    elif path.suffix in _BY_HAND and first not in {"pipeline", "schemas"} and not _same_as_ours(path, shown):
+    elif first in PROGRAM and path.suffix != ".pyc":
+        if not _same_as_ours(path, shown):
+            found.add(RUNS, shown, "is not as in the program that is installed here, and `dvc repro` runs it")
+    elif path.suffix in _BY_HAND and not _same_as_ours(path, shown):
         found.add(RUNS, shown, f"is {_BY_HAND[path.suffix]}, which runs when it is started, imported or loaded")
     elif path.suffix in {".yaml", ".yml"}:
         _look_at_parameters(path, shown, found)
@@ -180,12 +185,25 @@ def _look_at_settings(path: Path, shown: str, found: Inspection) -> None:
 
 
 def _look_at_commands(path: Path, shown: str, found: Inspection) -> None:
+    """Every command, unless the file is to the letter what this program writes for the parameters beside it.
+
+    Nothing less will do: DVC puts values of the parameters into commands, unquoted, for a shell.
+    """
+    if shown == DVC_YAML and _text(path, shown, found) == _written_here(path.parent):
+        return
     document = _document(path, shown, found)
     _look_at_names(document, shown, found)
+    found.add(RUNS, shown, "is not what this program writes for the parameters beside it")
     for command in _commands(document):
-        matched = _OF_STAGES.fullmatch(command)
-        if matched is None or not any(f"{matched[1]}{matched[2] or ''}".startswith(known) for known in _COMMANDS):
-            found.add(RUNS, shown, f"`dvc repro` would run `{command}`")
+        found.add(RUNS, shown, f"`dvc repro` would run `{command}`")
+
+
+def _written_here(folder: Path) -> str | None:
+    """The dvc.yaml of these parameters; None if they are none that this program takes."""
+    try:
+        return dvc_yaml(params.load(folder / params.FILE))
+    except (WorkbenchError, OSError):
+        return None
 
 
 def _commands(value: object) -> Iterator[str]:
@@ -231,7 +249,7 @@ def _look_at_scene(path: Path, shown: str, found: Inspection) -> None:
 
     def element(name: str, attributes: dict[str, str]) -> None:
         for key in _FILE_ATTRIBUTES:
-            if _leads_out(attributes.get(key, "")):
+            if _leads_out(attributes.get(key, ""), PurePosixPath(shown).parent.as_posix()):
                 found.add(LEADS_OUT, shown, f"<{name}> names {attributes[key]}")
 
     def entity(*_: object) -> None:
@@ -251,24 +269,12 @@ class _EntityError(Exception):
     """A document declares an entity."""
 
 
-def _leads_out(name: str) -> bool:
-    """Whether a name of a file is absolute, or goes up out of the folder of the file that names it more than twice."""
-    parts = PurePosixPath(name.replace("\\", "/")).parts
-    ups = sum(part == ".." for part in parts)
-    return bool(parts) and (parts[0] == "/" or parts[0].endswith(":") or name.startswith("~") or ups > 2)
-
-
-def _look_at_code(folder: Path, found: Inspection) -> None:
-    """The program in the folder, which `dvc repro` runs, beside the one that is installed here."""
-    installed = Path(pipeline.__file__).resolve().parents[1]
-    other = [
-        path.relative_to(folder).as_posix()
-        for name in ("pipeline", "schemas")
-        for path in sorted((folder / name).rglob("*"))
-        if path.is_file() and path.suffix not in {".pyc"} and not _equal(path, installed / path.relative_to(folder))
-    ]
-    for file in other:
-        found.add(RUNS, file, "is not as in the program that is installed here, and `dvc repro` runs it")
+def _leads_out(name: str, folder: str = "") -> bool:
+    """Whether a name of a file, seen from a folder of the project, is absolute or outside of the project."""
+    name = name.replace("\\", "/")
+    if name.startswith(("/", "~")) or name[1:2] == ":":
+        return True
+    return os.path.normpath(os.path.join(folder, name)).split("/")[0] == ".."  # noqa: PTH118
 
 
 def _same_as_ours(path: Path, shown: str) -> bool:

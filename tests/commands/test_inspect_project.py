@@ -75,6 +75,43 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str, str]] = {
         write("more/dvc.yaml", "stages:\n  a:\n    cmd: [lessbench scene table, 'lessbench scene table; touch x']\n"),
         RUNS, "would run `lessbench scene table; touch x`",
     ),
+    "a value that a shell would run": (
+        lambda folder: (
+            write("params.yaml", "x: '--help; touch RAN; true'\n")(folder),
+            (folder / "dvc.yaml").write_text("stages: {a: {cmd: 'lessbench ingest ${x}'}}\n"),
+            None,
+        )[-1],
+        RUNS,
+        "would run `lessbench ingest ${x}`",
+    ),
+    "a task whose name a shell would run": (
+        lambda folder: (
+            (folder / "params.yaml").write_text("tasks: {'a; touch RAN': {}}\n"),
+            None,
+        )[-1],
+        RUNS,
+        "dvc.yaml: is not what this program writes",
+    ),
+    "compiled code": (
+        write("pipeline/__pycache__/errors.cpython-311.pyc", "x"),
+        RUNS,
+        "errors.cpython-311.pyc: is compiled Python",
+    ),
+    "a program elsewhere": (
+        lambda folder: (shutil.rmtree(folder / "pipeline"), (folder / "pipeline").symlink_to("/"), None)[-1],
+        RUNS,
+        "pipeline: is a link to / where the program should be",
+    ),
+    "a mesh beside the folder": (
+        write("s.xml", '<mujoco><asset><mesh file="../secret.stl"/></asset></mujoco>'),
+        LEADS_OUT,
+        "<mesh> names ../secret.stl",
+    ),
+    "a table beside the folder": (
+        write("docs/o.yaml", "sample: {given: ../elsewhere.csv}\n"),
+        LEADS_OUT,
+        "sample.given names ../elsewhere.csv",
+    ),
     "changed code": (write("pipeline/errors.py", "\nimport os\n"), RUNS, "`dvc repro` runs it"),
     "more code": (write("pipeline/stages/more.py", "1\n"), RUNS, "pipeline/stages/more.py: is not as in the program"),
     "a hook": (write(".git/hooks/post-checkout", "#!/bin/sh\n"), RUNS, "is a hook, which git runs"),
