@@ -31,7 +31,7 @@ def report(path: Path, project: Project | None, task: str | None) -> tuple[list[
     found = inspect_recording(
         path,
         settings.topic if settings else None,
-        intake.scene.joints if intake else None,
+        intake.recorded_joints if intake else None,
         clock=settings.clock if settings else None,
     )
     row: Row | None = None

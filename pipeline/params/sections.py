@@ -97,6 +97,12 @@ def _refuse_parallel(thetas: tuple[tuple[float, ...], ...]) -> None:
             )
 
 
+JointNames = (
+    Annotated[str, Field(min_length=1)]
+    | Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1), AfterValidator(_distinct)]
+)
+
+
 class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
@@ -104,11 +110,15 @@ class _Section(BaseModel):
 class Task(_Section):
     """One task: a scene, where its recordings are, and what may matter in it.
 
-    `features` are what the robot looks at; `preferences`, features too, are what paths are planned for.
+    `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `joints` are
+    those of the arm, or a body whose subtree has them; None: those that carry the end effector. `joint_names` gives the
+    joints of the recordings the names that the scene has for them.
     """
 
     scene: str
     end_effector: str
+    joints: JointNames | None = None
+    joint_names: Annotated[dict[str, str], AfterValidator(_frozen)] = Field(default_factory=dict, validate_default=True)
     surface: str | None
     collisions: StrictBool = False
     recordings: str
@@ -131,6 +141,16 @@ class Task(_Section):
             if (other := seen.setdefault(lower, name)) != name:
                 raise ValueError(f"the features {other!r} and {name!r} differ in case alone; name them apart")
         return features
+
+    @field_validator("joint_names")
+    @classmethod
+    def _each_joint_once(cls, names: Mapping[str, str]) -> Mapping[str, str]:
+        for joint in names.values():
+            if (recorded := [key for key, value in names.items() if value == joint])[1:]:
+                raise ValueError(
+                    f"{recorded[0]!r} and {recorded[1]!r} are both called {joint!r}; one joint has one name"
+                )
+        return names
 
     @model_validator(mode="after")
     def _theta_lengths(self) -> Task:

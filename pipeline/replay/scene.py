@@ -20,11 +20,11 @@ import numpy as np
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError, few_of, one_of
 from pipeline.replay.declared_sizes import check_declared_sizes
+from pipeline.replay.mechanism.arm import Joints, chosen_joints, said_of_others
 from pipeline.replay.mechanism.causes import RADIANS_AS_DEGREES, ranges_in_radians
 from pipeline.replay.mechanism.chain import Carried, Chain
 from pipeline.replay.mechanism.couplings import Coupling, joint_couplings, led_by
 from pipeline.replay.mechanism.keyframes import (
-    SCALAR,
     Keyframe,
     differences,
     read_keyframe,
@@ -47,8 +47,8 @@ class Scene:
         continuous: (J,) true for hinges without limits, which reach the same pose in every turn.
         start, goal: (J,) the keyframes of these names, None where the file has none.
         end_effector: name of the body or site whose path matters.
-        rig: what a configuration of the J joints sets in MuJoCo, and what all else keeps: keyframe `start`, else the
-            model.
+        rig: what a configuration of the J joints sets in MuJoCo, and what all else keeps: keyframe `start`, else
+            `home`, else the model.
         chain: what the J joints move, for replay.
         remarks: what is odd about the scene, or not followed in it, a phrase each.
     """
@@ -148,7 +148,7 @@ class Scene:
         return index
 
 
-def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Sequence[str] | None = None) -> Scene:
+def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Joints | None = None) -> Scene:
     """Read and compile an MJCF file.
 
     Joints that an equality constraint makes follow others are computed from those (see `couplings`), bodies that an
@@ -158,8 +158,9 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Seq
     Args:
         path: the MJCF file; files it includes are found from its folder.
         end_effector: body or site whose path matters; None: the last body that the joints move.
-        joints: names of the joints of a trajectory, in order; None: every hinge and slide of the scene that does not
-            follow another, in the order of the file.
+        joints: names of the joints of a trajectory, in order, or one body whose subtree has them, in the order of the
+            file; None: those of the arm that carries the end effector (see `mechanism.arm`), or, where no end effector
+            is named either, every hinge and slide of the scene that does not follow another.
 
     Raises:
         SceneError: the file is missing or does not compile, a name is not in it, a joint is neither hinge nor
@@ -169,12 +170,14 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Seq
     path = Path(path)
     model = _compile(path)
     couplings = joint_couplings(path, model)
-    ids = _joint_ids(path, model, joints, couplings)
+    ids = chosen_joints(path, model, joints, end_effector, couplings)
+    others = said_of_others(model, ids, couplings, end_effector) if joints is None and end_effector else ()
     couplings = led_by(path, model, couplings, ids)
     limits = _limits(model, ids, couplings)
     start, said_of_start = read_keyframe(path, model, "start")
     goal, said_of_goal = read_keyframe(path, model, "goal")
-    rig = Rig.of(path, model, ids, start or rest(model), couplings)
+    home = start or read_keyframe(path, model, "home")[0] or rest(model)
+    rig = Rig.of(path, model, ids, home, couplings)
     for name, keyframe in (("start", start), ("goal", goal)):
         if keyframe is not None:
             require_coupled(path, model, name, keyframe, couplings.values())
@@ -188,7 +191,14 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Seq
         end_effector=end_effector or "",
         rig=rig,
         chain=Chain.of(rig),
-        remarks=(*said_of_start, *said_of_goal, *_elsewhere(rig, start, goal), *_tiny_ranges(model), *rig.remarks),
+        remarks=(
+            *said_of_start,
+            *said_of_goal,
+            *_elsewhere(rig, start, goal),
+            *_tiny_ranges(model),
+            *rig.remarks,
+            *others,
+        ),
     )
     if end_effector is None:
         last = model.body(int(scene.moving_bodies()[-1])).name
@@ -199,10 +209,10 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Seq
 
 
 def model_hash(scene: Scene) -> str:
-    """SHA-256 of the compiled model: included files, meshes and textures count, comments do not."""
+    """SHA-256 of the compiled model and of the joints that move: included files and meshes count, comments do not."""
     buffer = np.zeros(mujoco.mj_sizeModel(scene.model), dtype=np.uint8)
     mujoco.mj_saveModel(scene.model, None, buffer)
-    return hashlib.sha256(buffer.tobytes()).hexdigest()
+    return hashlib.sha256(buffer.tobytes() + "\0".join(scene.joints).encode()).hexdigest()
 
 
 def scene_files(path: str | Path) -> list[Path]:
@@ -241,28 +251,6 @@ def _compile(path: Path) -> Any:
         return mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SceneError(f"MuJoCo cannot compile {path}: {_one_line(error)}") from error
-
-
-def _joint_ids(path: Path, model: Any, joints: Sequence[str] | None, couplings: Mapping[int, Coupling]) -> list[int]:
-    movable = [i for i in range(model.njnt) if model.jnt_type[i] in SCALAR]
-    if joints is None:
-        ids = [i for i in movable if i not in couplings]
-    else:
-        by_name = {model.joint(i).name: i for i in movable if model.joint(i).name}
-        unknown = [name for name in joints if name not in by_name]
-        if unknown:
-            raise SceneError(
-                f"{path} has no hinge or slide joint named {unknown[0]!r}; it has {one_of(by_name) or '(none)'}."
-            )
-        ids = [by_name[name] for name in joints]
-    if not ids:
-        raise SceneError(f"{path} has no hinge or slide joint to move; a trajectory needs at least one.")
-    names = [model.joint(i).name for i in ids]
-    if "" in names:
-        raise SceneError(f"{path}: hinge or slide joint number {ids[names.index('')]} has no name; name it.")
-    if len(set(names)) < len(names):
-        raise SceneError(f"joints {', '.join(names)}: each joint may be named once only.")
-    return ids
 
 
 def _limits(model: Any, ids: Sequence[int], couplings: Mapping[int, Coupling]) -> Limits:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pipeline.formats.files.atomic import written_whole
 from pipeline.params import Params, value_at
-from pipeline.stages.registry import STAGES, Scope, Stage
+from pipeline.stages.registry import OPTIONAL, STAGES, Scope, Stage
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.project import TABLES, find_project, table_path
@@ -105,12 +105,19 @@ def _stage(stage: Stage, params: Params) -> str:
         [
             f"  {stage.name}:\n" + (f"    foreach: {foreach}\n    do:\n" if foreach else ""),
             f"{indent}cmd: lessbench {stage.command}{f' {key}' if foreach else ''}\n",
-            _listed(indent, "params", _for(stage.parameters, key)),
+            _listed(indent, "params", _for(watched(stage.parameters), key)),
             _listed(indent, "deps", [*_named(stage, params), *inputs, *tables, *schemas, *code_of(stage.module)]),
             _listed(indent, "outs", made, KEPT),
             _listed(indent, "metrics", _for(stage.metrics, key), KEPT),
         ]
     )
+
+
+def watched(paths: Sequence[str]) -> list[str]:
+    """The parameters that DVC waits for: those of a stage, and in place of any that may be left out what holds them."""
+    whole = {path.rpartition(".")[0] for path in paths if path in OPTIONAL}
+    inside = {path for path in paths for folder in whole if path.startswith(f"{folder}.")}
+    return [*whole, *(path for path in paths if path not in inside)]
 
 
 def _for(texts: Iterable[str], key: str) -> list[str]:

@@ -70,7 +70,9 @@ SCENE = "datasets/{task}/scene.json"
 STAGES = (
     Stage(
         "scene", Scope.TASK, "scene", "pipeline.stages.scene",
-        parameters=("tasks.{task}.scene", "tasks.{task}.end_effector"),
+        parameters=(
+            "tasks.{task}.scene", "tasks.{task}.end_effector", "tasks.{task}.joints", "tasks.{task}.joint_names",
+        ),
         named=("tasks.{task}.scene",),
         inputs=("datasets/robots", "datasets/scenes/parts"),
         outputs=(SCENE,),
@@ -224,9 +226,13 @@ STAGES = (
         outputs=("datasets/report.html",),
     ),
 )  # fmt: skip
+# parameters that may be left out; DVC, which cannot wait for what is not there, waits for the whole task instead
+OPTIONAL = ("tasks.{task}.joints", "tasks.{task}.joint_names")
 # parameters that a stage may read without declaring them, with the reason why that changes no result
 UNDECLARED = {
     "tasks.{task}.scene": "the stage `scene` alone follows it; the others depend on scene.json, which changes with it",
+    "tasks.{task}.joints": "likewise, as scene.json lists the joints",
+    "tasks.{task}.joint_names": "likewise, as scene.json has the names",
 }
 
 

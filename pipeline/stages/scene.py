@@ -32,6 +32,7 @@ def run(project: Project, name: str) -> None:
             "mujoco": version("mujoco"),
             "end_effector": scene.end_effector,
             "joints": joints(scene),
+            "joint_names": dict(project.params.task(name).joint_names),
             "keyframes": [key for key, pose in (("start", scene.start), ("goal", scene.goal)) if pose is not None],
             "remarks": scene.remarks,
         }

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pipeline.errors import RecordingError
@@ -40,6 +41,7 @@ class Intake:
         shared_ends: whether all demonstrations are compared with alternatives from the scene's start to its goal.
         surface: of the task, if it has one.
         elsewhere: of the project's other tasks, those with a folder of recordings of their own.
+        joint_names: what the scene calls joints that the recordings call otherwise.
     """
 
     task: str
@@ -48,6 +50,13 @@ class Intake:
     shared_ends: bool
     surface: Surface | None = None
     elsewhere: frozenset[str] = frozenset()
+    joint_names: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def recorded_joints(self) -> tuple[str, ...]:
+        """The scene's joints, as the recordings call them."""
+        recorded = {ours: theirs for theirs, ours in self.joint_names.items()}
+        return tuple(recorded.get(joint, joint) for joint in self.scene.joints)
 
     @classmethod
     def of(cls, project: Project, name: str) -> Intake:
@@ -60,7 +69,7 @@ class Intake:
         others = frozenset(key for key, other in project.params.tasks.items() if other.recordings != task.recordings)
         scene = load_task_scene(project, task)
         surface = None if task.surface is None else Surface(scene, task.surface)
-        return cls(name, scene, project.params.ingest, task.anchor == TASK_ANCHOR, surface, others)
+        return cls(name, scene, project.params.ingest, task.anchor == TASK_ANCHOR, surface, others, task.joint_names)
 
     def salvaging(self) -> Intake:
         """The same, with what stands before the cut of a recording that is cut off."""
@@ -81,7 +90,7 @@ def read_bag(bag: Bag, intake: Intake) -> JointRecording:
                 read_joint_states(
                     file,
                     settings.topic,
-                    intake.scene.joints,
+                    intake.recorded_joints,
                     clock=settings.clock,
                     salvage=settings.salvage,
                     least=least,
@@ -94,7 +103,7 @@ def read_bag(bag: Bag, intake: Intake) -> JointRecording:
                 raise rejection(error.reason, f"{file.name}, a part of {bag.name}: {error.detail}") from error  # type: ignore[arg-type]
             empty.append(file.name)
     if not parts:
-        raise rejection("no-joint-states", f"No part of {bag.name} has poses of {', '.join(intake.scene.joints)}.")
+        raise rejection("no-joint-states", f"No part of {bag.name} has poses of {', '.join(intake.recorded_joints)}.")
     whole = joined(parts)
     if len(whole.time_ns) < 2:
         raise rejection("too-few-messages", f"{bag.name} has 1 pose; 2 or more are needed.")
