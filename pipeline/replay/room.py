@@ -88,7 +88,7 @@ class Room:
         """
         return draw_admissible(
             sampler, rng, self.anchor, count, n_waypoints, lower=self.scene.lower, upper=self.scene.upper,
-            judge=self.judge, least_acceptance=least_acceptance,
+            judge=self.judge, least_acceptance=least_acceptance, joints=self.scene.joints,
         )  # fmt: skip
 
     def _fates(self, clear: BoolArray, waypoints: FloatArray) -> IntArray:

@@ -6,7 +6,7 @@ Shapes and units are those of `paths`; every path starts and ends exactly at its
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -284,6 +284,7 @@ def draw_admissible(
     upper: FloatArray,
     judge: Judge,
     least_acceptance: float = 1e-3,
+    joints: Sequence[str] = (),
 ) -> Draw:
     """Draw `count` paths that keep the joint limits and that `judge` keeps. Other paths are discarded.
 
@@ -298,6 +299,7 @@ def draw_admissible(
         lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
         judge: gives each path within the limits its fate.
         least_acceptance: the smallest share of accepted proposals; below it an error is raised.
+        joints: J names, for that error; by default their numbers.
 
     Raises:
         ArgumentError: a count is too small, or the anchor itself is outside the limits.
@@ -308,22 +310,26 @@ def draw_admissible(
     require_anchor_within(anchor, lower, upper)
     rounds: list[tuple[FloatArray, NDArray[np.object_]]] = []
     fates: Counter[tuple[str, int]] = Counter()
+    beyond = np.zeros(anchor.start.size, dtype=np.intp)  # (J,) paths in which a joint leaves its limits
     missing = count
     while missing:
         paths, fate, drawn_by = _judged(sampler, rng, anchor, missing, n_waypoints, lower, upper, judge)
         accepted = fate == Fate.KEPT
+        outside = paths[fate == Fate.OUTSIDE_LIMITS]
+        beyond += ((outside < lower) | (outside > upper)).any(axis=1).sum(axis=0)
         rounds.append((paths[accepted], drawn_by[accepted]))
         fates.update(zip(drawn_by.tolist(), fate.tolist(), strict=True))
         missing -= int(accepted.sum())
         proposed = fates.total()
         if proposed >= _HOPELESS_AFTER and count - missing < least_acceptance * proposed:
-            outside, through, touching = (
+            left, through, touching = (
                 sum(n for (_, fate), n in fates.items() if fate == why) for why in Fate if why != Fate.KEPT
             )
             raise StageError(
-                f"sampler {sampler.name!r} had {count - missing} of {proposed} paths accepted ({outside} left the "
+                f"sampler {sampler.name!r} had {count - missing} of {proposed} paths accepted ({left} left the "
                 f"joint limits, {through} went through the surface, {touching} touched something); at least "
                 f"{least_acceptance:g} of them must be: make it narrower or move the start and goal."
+                + _culprit(beyond, proposed, anchor, lower, upper, joints)
             )
     waypoints = np.concatenate([paths for paths, _ in rounds])
     waypoints.setflags(write=False)
@@ -332,6 +338,26 @@ def draw_admissible(
         for name in sorted({name for name, _ in fates})
     )
     return Draw(waypoints, tuple(np.concatenate([names for _, names in rounds])), tallies)
+
+
+def _culprit(
+    beyond: NDArray[np.intp],
+    proposed: int,
+    anchor: Anchor,
+    lower: FloatArray,
+    upper: FloatArray,
+    joints: Sequence[str],
+) -> str:
+    """A sentence on the joint that most of the paths failed by, if it is one."""
+    j = int(beyond.argmax())
+    if 2 * beyond[j] < proposed:
+        return ""
+    name = repr(joints[j]) if joints else f"number {j + 1}"
+    return (
+        f" Joint {name} alone left its limits, {lower[j]:.6g} to {upper[j]:.6g}, in {beyond[j]} of them, on its way "
+        f"from {anchor.start[j]:.6g} to {anchor.goal[j]:.6g}; if it is no part of the arm, as a finger or a drawer is "
+        "none, leave it out of the task's `joints`."
+    )
 
 
 def _judged(

@@ -77,19 +77,16 @@ def hand_of(model: Any, ids: Sequence[int]) -> int:
     Where no body is moved by all of them, as with two arms, it is one that the last joint moves.
     """
     chosen = set(ids)
-    body = int(model.jnt_bodyid[max(ids, key=lambda joint: len(_ancestors(model, int(model.jnt_bodyid[joint]))))])
+    bodies = [int(model.jnt_bodyid[joint]) for joint in sorted(ids, reverse=True)]
+    body = max(bodies, key=lambda one: len(_ancestors(model, one)))
     while True:
-        children = [i for i in range(body + 1, model.nbody) if model.body_parentid[i] == body]
-        jointed = [i for i in children if _has_joints(model, i)]
-        if jointed and not any(chosen & set(_scalar_joints(model, i)) for i in jointed):
+        jointed = _branches(model, body)
+        children = [i for i in range(body + 1, model.nbody) if model.body_parentid[i] == body and model.body(i).name]
+        if jointed and (len(jointed) > 1 or set(_scalar_joints(model, jointed[0])) - chosen):
             return body
-        if not children:
+        if not jointed and not children:
             return body
-        if len(children) > 1 and not jointed:
-            named = [i for i in children if model.body(i).name]
-            body = (named or children)[-1]
-        else:
-            body = (jointed or children)[0]
+        body = jointed[0] if jointed else children[-1]
 
 
 def body_of(model: Any, name: str) -> int | None:
