@@ -39,7 +39,7 @@ def check_declared_sizes(path: Path) -> None:
         seen.add(file)
         if len(seen) > MOST_INCLUDES:
             raise SceneError(f"{path} includes more than {MOST_INCLUDES:,} files; include fewer.")
-        _require_file(path, file)
+        require_file(path, file)
         for element, attributes in _elements(file):
             folders |= {Path(attributes[key]) for key in _FOLDERS if key in attributes}
             if "file" in attributes:
@@ -52,7 +52,7 @@ def check_declared_sizes(path: Path) -> None:
         for folder in folders:
             for base in (path.parent, file.parent):
                 if os.path.lexists(place := base / folder / name):
-                    _require_file(path, place)
+                    require_file(path, place)
 
 
 def _elements(file: Path) -> list[tuple[str, Mapping[str, str]]]:
@@ -110,7 +110,8 @@ def _product(numbers: str) -> int:
     return prod(int(word) for word in numbers.split() if word.isdecimal() and len(word) < 20)
 
 
-def _require_file(scene: Path, file: Path) -> None:
+def require_file(scene: Path, file: Path) -> None:
+    """Raise a SceneError if what a scene names is there and is no file or folder."""
     try:
         mode = file.stat().st_mode
     except OSError:

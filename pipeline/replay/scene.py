@@ -1,6 +1,6 @@
-"""A robot and its surroundings, read from MJCF: which joints move, where things are, what everything is called.
+"""A robot and its surroundings, read from MJCF or URDF: which joints move, where things are, what everything is called.
 
-Nothing here knows a particular arm: any MJCF whose joints are hinges or slides will do.
+Nothing here knows a particular arm: any file whose joints are hinges or slides will do.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from pipeline.replay.mechanism.keyframes import (
 )
 from pipeline.replay.mechanism.limits import Limits
 from pipeline.replay.mechanism.rig import Rig
+from pipeline.replay.urdf import is_urdf, read_urdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class Scene:
     """A compiled scene and the J joints whose waypoints describe a trajectory.
 
     Attributes:
-        path: the MJCF file.
+        path: the MJCF or URDF file.
         model: `mujoco.MjModel` as the file has it.
         limits: of the J joints, in the order of the waypoints' last axis.
         continuous: (J,) true for hinges without limits, which reach the same pose in every turn.
@@ -149,14 +150,14 @@ class Scene:
 
 
 def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Joints | None = None) -> Scene:
-    """Read and compile an MJCF file.
+    """Read and compile an MJCF file, or a URDF file (see `urdf`).
 
     Joints that an equality constraint makes follow others are computed from those (see `couplings`), bodies that an
     active weld ties to the arm are carried by it (see `attachments`), and mocap bodies are where keyframe `start` has
     them.
 
     Args:
-        path: the MJCF file; files it includes are found from its folder.
+        path: the file; files it includes are found from its folder.
         end_effector: body or site whose path matters; None: the last body that the joints move.
         joints: names of the joints of a trajectory, in order, or one body whose subtree has them, in the order of the
             file; None: those of the arm that carries the end effector (see `mechanism.arm`), or, where no end effector
@@ -168,7 +169,7 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Joi
             or a constraint cannot be held.
     """
     path = Path(path)
-    model = _compile(path)
+    model, said_of_file = _compile(path)
     couplings = joint_couplings(path, model)
     ids = chosen_joints(path, model, joints, end_effector, couplings)
     others = said_of_others(model, ids, couplings, end_effector) if joints is None and end_effector else ()
@@ -192,6 +193,7 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Joi
         rig=rig,
         chain=Chain.of(rig),
         remarks=(
+            *said_of_file,
             *said_of_start,
             *said_of_goal,
             *_elsewhere(rig, start, goal),
@@ -221,6 +223,8 @@ def scene_files(path: str | Path) -> list[Path]:
     Raises:
         SceneError: one of them is missing or is not XML where it should be.
     """
+    if is_urdf(Path(path)):
+        return sorted({Path(path), *(Path(os.path.normpath(file)) for file in read_urdf(Path(path)).meshes.values())})
     try:
         listed = [Path(file) for file in mujoco.mju_getXMLDependencies(str(path))]
         assets = _assets(Path(path))
@@ -243,12 +247,16 @@ def _assets(path: Path) -> list[Path]:
     return [path.parent / folder / file for folder, files in folders for file in files if file]
 
 
-def _compile(path: Path) -> Any:
+def _compile(path: Path) -> tuple[Any, tuple[str, ...]]:
+    """`mujoco.MjModel` and remarks on the file."""
     if not path.is_file():
-        raise SceneError(f"There is no scene file {path}; give the path of an MJCF file.")
+        raise SceneError(f"There is no scene file {path}; give the path of an MJCF or URDF file.")
     check_declared_sizes(path)
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        if is_urdf(path):
+            urdf = read_urdf(path)
+            return mujoco.MjSpec.from_string(urdf.text, assets=urdf.assets).compile(), urdf.remarks
+        return mujoco.MjModel.from_xml_path(str(path)), ()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SceneError(f"MuJoCo cannot compile {path}: {_one_line(error)}") from error
 
