@@ -37,20 +37,52 @@ def check(
 @commands.command("new-task", rich_help_panel=SETUP)
 def new_task(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
-    scene: Annotated[Path, typer.Option(help="MJCF file with a keyframe `start` (and `goal`).")],
-    recordings: Annotated[Path, typer.Option(help="Folder of MCAP recordings.")],
+    recordings: Annotated[Path, typer.Option(help="Folder of recordings.")],
+    scene: Annotated[
+        Path | None, typer.Option(help="MJCF or URDF file, with keyframes `start` and `goal` if there are any.")
+    ] = None,
     end_effector: Annotated[
-        str | None, typer.Option(help="Body or site whose path matters; else the last body.")
+        str | None, typer.Option(help="Body or site whose path matters; else the hand of the arm.")
+    ] = None,
+    joint: Annotated[
+        list[str] | None, typer.Option(help="A joint of the arm, in order, once for each; else they are proposed.")
+    ] = None,
+    joint_name: Annotated[
+        list[str] | None,
+        typer.Option(metavar="RECORDED=SCENE", help="What the scene calls a joint of the recordings; once for each."),
     ] = None,
 ) -> None:
-    """Write a task skeleton into params.yaml and say what to do next.
+    """Propose a task from a scene and recordings, write it into params.yaml, and say what was chosen and what is odd.
+
+    Nothing else in params.yaml changes. The joints are those of the arm that scene and recordings share; fingers,
+    drawers and free bodies are left out.
 
     Example: `lessbench new-task pour --scene my_scene.xml --recordings my_recordings`, then `dvc repro inspect@pour`.
     """
-    from pipeline.commands.new_task import add_task
+    from pipeline.commands.new_task import Wishes, add_task
+    from pipeline.errors import ParameterError
 
-    for line in add_task(this_project(), name, scene, recordings, end_effector):
-        say(line)
+    wrong = [pair for pair in joint_name or () if not all(pair.partition("="))]
+    if wrong:
+        raise ParameterError(f"--joint-name is {wrong[0]!r}; write RECORDED=SCENE, such as fr3_joint1=panda_joint1")
+    names = {pair.partition("=")[0]: pair.partition("=")[2] for pair in joint_name or ()}
+    if scene is None:
+        raise ParameterError("--scene is missing; name an MJCF or URDF file")
+    wishes = Wishes(name, scene, recordings, end_effector, tuple(joint or ()), names)
+    for line in add_task(this_project(), wishes):
+        say(plain(line, LONGEST_MESSAGE))
+
+
+@commands.command("remove-task", rich_help_panel=SETUP)
+def remove_task(task: TaskName) -> None:
+    """Take a task out of the project, with all that its stages made. Your recordings and your scene stay.
+
+    Example: `lessbench remove-task pour`.
+    """
+    from pipeline.commands.remove_task import remove_task
+
+    for line in remove_task(this_project(), task):
+        say(plain(line, LONGEST_MESSAGE))
 
 
 @commands.command(rich_help_panel=SETUP)

@@ -1,99 +1,195 @@
-"""A task skeleton for somebody's own arm and recordings, written into params.yaml beside what is there."""
+"""A task for somebody's own arm and recordings, proposed from both and written into params.yaml."""
 
 from __future__ import annotations
 
-import io
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-
-from ruamel.yaml import YAML
+from typing import Any
 
 from pipeline import params
-from pipeline.errors import ParameterError
+from pipeline.commands.task_checks import Choice, chosen_anchor
+from pipeline.commands.task_files import dvc_follows
+from pipeline.errors import ParameterError, few_of, one_of
 from pipeline.formats.files.atomic import written_whole
+from pipeline.replay.arm_proposal import UnknownArm, hand_of_scene
 from pipeline.replay.scene import Scene, load_scene
-from pipeline.stages import dvc_yaml
-from pipeline.vocabulary import DEMONSTRATION_ANCHOR, RESERVED_FOLDERS, TASK_ANCHOR
+from pipeline.vocabulary import RESERVED_FOLDERS
+from pipeline.workspace.joint_names import matched_names, renamed
+from pipeline.workspace.params_edits import with_entry
 from pipeline.workspace.project import Project
+from pipeline.workspace.recorded_joints import RecordedJoints, recorded_joints
+from pipeline.yaml_text import plain_yaml
+
+COMMENTS = {
+    "scene": "MJCF or URDF",
+    "end_effector": "body or site whose path matters",
+    "joints": "the arm's; everything else stays where it is",
+    "joint_names": "name in the recordings: name in the scene",
+    "surface": "site that sampled paths stay above; null: none",
+    "collisions": "true: paths may touch nothing, by MuJoCo's contacts",
+    "anchor": "alternatives go from start to goal; or demonstration: as each does",
+    "features": "what may matter to the person",
+    "preferences": "what the planner sampler plans for",
+    "thetas": "or a list of weight vectors, one number per feature",
+}
 
 
-def add_task(project: Project, name: str, scene: Path, recordings: Path, end_effector: str | None) -> list[str]:
-    """Add the task `name` to params.yaml, comments kept, and say what to do next.
+@dataclass(frozen=True)
+class Wishes:
+    """What is said of a task beforehand; None and nothing where it is to be proposed.
 
-    Args:
-        project: where to add it.
+    Attributes:
         name: of the task, not used before.
-        scene: MJCF file.
-        recordings: folder of MCAP files.
-        end_effector: body or site whose path matters; None for the last body that moves.
+        scene: MJCF or URDF file.
+        recordings: folder.
+        end_effector: body or site whose path matters.
+        joints: names of the arm's joints in the scene, in order.
+        joint_names: name in the recordings: name in the scene.
+    """
+
+    name: str
+    scene: Path
+    recordings: Path
+    end_effector: str | None = None
+    joints: tuple[str, ...] = ()
+    joint_names: Mapping[str, str] = field(default_factory=dict)
+
+
+def add_task(project: Project, wishes: Wishes) -> list[str]:
+    """Add a task to params.yaml, all else left as it is, and say what was chosen and what to do next.
 
     Returns:
-        lines that say what is there now, and what to do next.
+        lines: what was chosen, what is odd, what to do next.
 
     Raises:
-        ParameterError: the name is taken or not a name, or the folder holds no recordings.
+        ParameterError: the name is taken or not a name, the folder holds no recordings, or these and the scene share
+            no joint.
         SceneError: see `pipeline.replay.load_scene`.
     """
-    if name in project.params.tasks:
-        raise ParameterError(f"there is a task {name!r} already in {params.FILE}; choose another name")
-    if name in RESERVED_FOLDERS:
-        raise ParameterError(f"a task cannot be called {name!r}, since datasets/{name} is taken; choose another name")
-    if not any(recordings.glob("*.mcap")):
-        raise ParameterError(f"--recordings is {recordings}: there is no .mcap file in it; name a folder that has some")
-    loaded = load_scene(scene, end_effector=end_effector)
-    yaml = YAML(typ="rt")
-    yaml.width = 10_000
-    yaml.indent(mapping=2, sequence=4, offset=2)
-    file = project.root / params.FILE
-    document = yaml.load(file.read_text(encoding="utf-8"))
-    document["tasks"][name] = _skeleton(loaded, project.named(scene), project.named(recordings))
-    text = io.StringIO()
-    yaml.dump(document, text)
-    params.parse(YAML(typ="safe", pure=True).load(text.getvalue()), str(file))
-    with written_whole(file) as stream:
-        stream.write(text.getvalue().encode())
-    remedy = _feed_dvc(project)
+    require_new(project, wishes.name)
+    recorded = _recorded(wishes)
+    scene, names, said = _arm(wishes, recorded)
+    surface = scene.box_sites()[0] if len(scene.box_sites()) == 1 else None
+    choice = chosen_anchor(project, wishes.name, scene, surface, wishes.recordings, names)
+    entry = _skeleton(scene, project.named(wishes.scene), project.named(wishes.recordings), surface, names, choice)
+    write_task(project, wishes.name, entry)
+    remedy = dvc_follows(project)
     return [
-        f"task {name!r} is in {params.FILE}: arm of {len(loaded.joints)} joints ({', '.join(loaded.joints)}), end "
-        f"effector {loaded.end_effector}.",
-        *(f"Of the scene: {remark}." for remark in loaded.remarks),
-        f"Say there which features matter, then run: dvc repro inspect@{name}",
+        f"task {wishes.name!r} is in {params.FILE}.",
+        *said,
+        f"End effector: {scene.end_effector}"
+        + ("." if wishes.end_effector else ", the hand of these joints; name another with --end-effector."),
+        _of_surface(scene, surface),
+        *choice.lines,
+        *(f"Of the scene: {remark}." for remark in scene.remarks),
+        f"Say in {params.FILE} which features matter, then run: dvc repro inspect@{wishes.name}",
         *([] if remedy is None else [remedy]),
     ]
 
 
-def _feed_dvc(before: Project) -> str | None:
-    """Let the stages of the whole project wait for a new task, and show its figures, as DVC cannot list them by itself.
+def require_new(project: Project, name: str) -> None:
+    """Raise a ParameterError if a task cannot have this name."""
+    if name in project.params.tasks:
+        raise ParameterError(f"there is a task {name!r} already in {params.FILE}; choose another name")
+    if name in RESERVED_FOLDERS:
+        raise ParameterError(f"a task cannot be called {name!r}, since datasets/{name} is taken; choose another name")
 
-    Returns:
-        what to do, if dvc.yaml has been changed by hand where this should stand.
+
+def write_task(project: Project, name: str, entry: Mapping[str, Any]) -> None:
+    """Add an entry to the tasks in params.yaml.
+
+    Raises:
+        ParameterError: the result would not be what params.yaml may hold; the file is then as it was.
     """
-    file = before.root / dvc_yaml.FILE
-    if not file.is_file():
-        return None
-    text = file.read_text(encoding="utf-8")
-    parts = dvc_yaml.of_all_tasks(before.params), dvc_yaml.of_all_tasks(Project(before.root).params)
-    for old, new in zip(*parts, strict=True):
-        if old not in text:
-            return (
-                f"{dvc_yaml.FILE} is not as `python -m pipeline.stages.dvc_yaml` writes it, so its catalog will not "
-                "wait for this task: write it anew with that command, or add the task to its last stages by hand"
-            )
-        text = text.replace(old, new)
+    file = project.root / params.FILE
+    text = with_entry(file.read_text(encoding="utf-8"), "tasks", name, entry, COMMENTS)
+    params.parse(plain_yaml(text), str(file))
     with written_whole(file) as stream:
         stream.write(text.encode())
-    return None
 
 
-def _skeleton(scene: Scene, file: str, recordings: str) -> dict[str, object]:
+def _recorded(wishes: Wishes) -> RecordedJoints:
+    recorded = recorded_joints(wishes.recordings)
+    if not recorded.recordings:
+        raise ParameterError(
+            f"--recordings is {wishes.recordings}: no recording in it has joint states; `lessbench check` says what a "
+            "file holds"
+        )
+    return recorded
+
+
+def _arm(wishes: Wishes, recorded: RecordedJoints) -> tuple[Scene, dict[str, str], list[str]]:
+    """The scene with the joints that are the arm's, `joint_names`, and what was chosen."""
+    unknown = UnknownArm(wishes.scene)
+    names = dict(wishes.joint_names) or renamed(matched_names(recorded.shared, unknown.joints))
+    theirs = {ours: name for name, ours in names.items()}
+    heard = [joint for joint in unknown.joints if theirs.get(joint, joint) in recorded.shared]
+    if not heard:
+        raise ParameterError(
+            f"{wishes.scene} has the joints {one_of(unknown.joints) or '(none)'} and the recordings share "
+            f"{one_of(recorded.shared) or '(none)'}; no name is the same, nor the same but for a prefix: say which is "
+            "which with --joint-name RECORDED=SCENE, once for each joint"
+        )
+    if wishes.joints:
+        joints, left = wishes.joints, {}
+        missing = [joint for joint in joints if joint in unknown.joints and joint not in heard]
+        if missing:
+            raise ParameterError(f"no recording has joint {missing[0]!r}; all of them have {one_of(heard)}")
+    else:
+        arm = unknown.arm(heard)
+        joints, left = arm.joints, arm.left_out
+    scene = load_scene(wishes.scene, end_effector=wishes.end_effector, joints=joints)
+    if wishes.end_effector is None:
+        scene = load_scene(wishes.scene, end_effector=hand_of_scene(scene), joints=joints)
+    names = {name: ours for name, ours in names.items() if ours in joints}
+    return scene, names, _said_of_joints(scene, names, left, unknown.free_bodies, recorded)
+
+
+def _said_of_joints(
+    scene: Scene, names: Mapping[str, str], left: Mapping[str, str], free: list[str], recorded: RecordedJoints
+) -> list[str]:
+    reasons = dict.fromkeys(left.values())
+    out = [f"{few_of([name for name in left if left[name] == reason], 8)} ({reason})" for reason in reasons]
+    out += [f"{few_of(free)} (moves freely, not by joints)"] if free else []
+    odd = [name for name in recorded.some if name in scene.joints or name in names]
+    return [
+        f"Joints of the arm: {', '.join(scene.joints)}, which all {recorded.recordings} recordings have.",
+        *([f"Left out, and kept at home: {'; '.join(out)}. Name others with --joint."] if out else []),
+        *(
+            [f"The recordings call them otherwise: {', '.join(f'{one}: {ours}' for one, ours in names.items())}."]
+            if names
+            else []
+        ),
+        *([f"Only some recordings have {few_of(odd)}."] if odd else []),
+    ]
+
+
+def _of_surface(scene: Scene, surface: str | None) -> str:
+    if surface is not None:
+        return f"Surface: {surface}, the scene's one box site, which paths stay above; null in {params.FILE} for none."
+    boxes = scene.box_sites()
+    return (
+        f"Surface: none, as the scene has {len(boxes)} box sites, {one_of(boxes)}; name one in {params.FILE}."
+        if boxes
+        else "Surface: none, as the scene has no site of type box; paths may go anywhere that the joints reach."
+    )
+
+
+def _skeleton(
+    scene: Scene, file: str, recordings: str, surface: str | None, names: Mapping[str, str], choice: Choice
+) -> dict[str, Any]:
     terms = {"efficiency": {"kind": "efficiency"}, "height": {"kind": "height"}}
     return {
         "scene": file,
         "end_effector": scene.end_effector,
-        "surface": scene.box_sites()[0] if len(scene.box_sites()) == 1 else None,
+        "joints": list(scene.joints),
+        **({"joint_names": dict(names)} if names else {}),
+        "surface": surface,
         "collisions": False,
         "recordings": recordings,
-        "anchor": DEMONSTRATION_ANCHOR if scene.start is None or scene.goal is None else TASK_ANCHOR,
+        "anchor": choice.anchor,
         "features": terms,
-        "preferences": {name: dict(spec) for name, spec in terms.items()},
+        "preferences": terms,
         "thetas": "grid",
     }

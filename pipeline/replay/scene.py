@@ -169,7 +169,7 @@ def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Joi
             or a constraint cannot be held.
     """
     path = Path(path)
-    model, said_of_file = _compile(path)
+    model, said_of_file = compile_scene(path)
     couplings = joint_couplings(path, model)
     ids = chosen_joints(path, model, joints, end_effector, couplings)
     others = said_of_others(model, ids, couplings, end_effector) if joints is None and end_effector else ()
@@ -223,16 +223,17 @@ def scene_files(path: str | Path) -> list[Path]:
     Raises:
         SceneError: one of them is missing or is not XML where it should be.
     """
-    if is_urdf(Path(path)):
-        return sorted({Path(path), *(Path(os.path.normpath(file)) for file in read_urdf(Path(path)).meshes.values())})
+    path = Path(path).absolute()
+    if is_urdf(path):
+        return sorted({path, *(Path(os.path.normpath(file)) for file in read_urdf(path).meshes.values())})
     try:
         listed = [Path(file) for file in mujoco.mju_getXMLDependencies(str(path))]
-        assets = _assets(Path(path))
+        assets = _assets(path)
     except (ValueError, mujoco.FatalError) as error:
         raise SceneError(f"The files that {path} depends on cannot be listed: {_one_line(error)}") from error
     # MuJoCo lists the meshes of a file that is included from another folder as if they were beside the first file
     for included in listed:
-        if included.suffix.lower() == ".xml" and included != Path(path):
+        if included.suffix.lower() == ".xml" and included != path:
             with suppress(ValueError, mujoco.FatalError):  # most included files are no models by themselves
                 assets += _assets(included)
     return sorted({Path(os.path.normpath(file)) for file in [*listed, *assets] if file.is_file()})
@@ -247,16 +248,20 @@ def _assets(path: Path) -> list[Path]:
     return [path.parent / folder / file for folder, files in folders for file in files if file]
 
 
-def _compile(path: Path) -> tuple[Any, tuple[str, ...]]:
-    """`mujoco.MjModel` and remarks on the file."""
+def compile_scene(path: Path) -> tuple[Any, tuple[str, ...]]:
+    """`mujoco.MjModel` of an MJCF or URDF file, and remarks on it.
+
+    Raises:
+        SceneError: the file is missing, declares more than can be built, or does not compile.
+    """
     if not path.is_file():
         raise SceneError(f"There is no scene file {path}; give the path of an MJCF or URDF file.")
     check_declared_sizes(path)
-    try:
+    try:  # by the full path, as MuJoCo misses what an included file names if the first path is relative
         if is_urdf(path):
             urdf = read_urdf(path)
             return mujoco.MjSpec.from_string(urdf.text, assets=urdf.assets).compile(), urdf.remarks
-        return mujoco.MjModel.from_xml_path(str(path)), ()
+        return mujoco.MjModel.from_xml_path(str(path.absolute())), ()
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SceneError(f"MuJoCo cannot compile {path}: {_one_line(error)}") from error
 

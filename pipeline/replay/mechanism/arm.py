@@ -62,11 +62,11 @@ def arm_joints(model: Any, body: int, couplings: Mapping[int, Coupling]) -> list
     Beyond a hand that carries two fingers or more nothing is the arm's. A joint that follows another stands for the one
     that leads it.
     """
-    found = [joint for one in _ancestors(model, body) for joint in _scalar_joints(model, one)]
+    found = [joint for one in ancestors(model, body) for joint in scalar_joints(model, one)]
     beyond = _branches(model, body)
     while len(beyond) == 1:
         (body,) = beyond
-        found += _scalar_joints(model, body)
+        found += scalar_joints(model, body)
         beyond = _branches(model, body)
     return sorted({leader for joint in found if (leader := _leader(joint, couplings)) != NOBODY})
 
@@ -78,11 +78,11 @@ def hand_of(model: Any, ids: Sequence[int]) -> int:
     """
     chosen = set(ids)
     bodies = [int(model.jnt_bodyid[joint]) for joint in sorted(ids, reverse=True)]
-    body = max(bodies, key=lambda one: len(_ancestors(model, one)))
+    body = max(bodies, key=lambda one: len(ancestors(model, one)))
     while True:
         jointed = _branches(model, body)
         children = [i for i in range(body + 1, model.nbody) if model.body_parentid[i] == body and model.body(i).name]
-        if jointed and (len(jointed) > 1 or set(_scalar_joints(model, jointed[0])) - chosen):
+        if jointed and (len(jointed) > 1 or set(scalar_joints(model, jointed[0])) - chosen):
             return body
         if not jointed and not children:
             return body
@@ -135,13 +135,13 @@ def _in_subtree(path: Path, model: Any, name: str, movable: Sequence[int]) -> li
             f"{path} has no body named {name!r} whose joints could be the arm's; it has {one_of(bodies)}; or list the "
             "names of joints."
         )
-    found = [i for i in movable if root in _ancestors(model, int(model.jnt_bodyid[i]))]
+    found = [i for i in movable if root in ancestors(model, int(model.jnt_bodyid[i]))]
     if not found:
         raise SceneError(f"{path}: there is no hinge or slide in body {name!r} or what it carries; name another body.")
     return found
 
 
-def _ancestors(model: Any, body: int) -> list[int]:
+def ancestors(model: Any, body: int) -> list[int]:
     """The body itself and all that carry it."""
     found = []
     while body > 0:
@@ -150,14 +150,15 @@ def _ancestors(model: Any, body: int) -> list[int]:
     return found
 
 
-def _scalar_joints(model: Any, body: int) -> list[int]:
+def scalar_joints(model: Any, body: int) -> list[int]:
+    """Indices of the hinges and slides of a body itself."""
     first = int(model.body_jntadr[body])
     return [i for i in range(first, first + int(model.body_jntnum[body])) if model.jnt_type[i] in SCALAR]
 
 
 def _has_joints(model: Any, root: int) -> bool:
     """Whether a body or anything that it carries has a hinge or slide."""
-    return any(_scalar_joints(model, body) and root in _ancestors(model, body) for body in range(root, model.nbody))
+    return any(scalar_joints(model, body) and root in ancestors(model, body) for body in range(root, model.nbody))
 
 
 def _branches(model: Any, body: int) -> list[int]:

@@ -1,0 +1,101 @@
+"""Start, goal, limits, surface and the ends of the recordings held against each other, before anything runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import StageError
+from pipeline.replay.ends import distances
+from pipeline.replay.room import Room
+from pipeline.replay.scene import Scene
+from pipeline.replay.surface import Surface
+from pipeline.stages.ingest import Found, collect
+from pipeline.trajectories.paths import Anchor
+from pipeline.vocabulary import DEMONSTRATION_ANCHOR, TASK_ANCHOR
+from pipeline.workspace.demonstrations import Intake
+from pipeline.workspace.plausibility import is_far
+from pipeline.workspace.project import Project
+
+MOST = 5  # sentences of one kind
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Where alternatives start and end, and what was found on the way to it, a sentence each."""
+
+    anchor: str
+    lines: tuple[str, ...]
+
+
+def chosen_anchor(
+    project: Project, name: str, scene: Scene, surface: str | None, recordings: Path, joint_names: Mapping[str, str]
+) -> Choice:
+    """Read the recordings as the stage ingest will, and choose the anchor that their ends fit.
+
+    Args:
+        project: its settings of ingest are used.
+        name: of the task.
+        scene: with the task's joints and end effector.
+        surface: of the task, or None.
+        recordings: folder.
+        joint_names: of the task.
+    """
+    top = None if surface is None else Surface(scene, surface)
+    intake = Intake(name, scene, project.params.ingest, False, top, joint_names=joint_names)
+    found = collect(recordings, intake)
+    anchor, why = _anchor(scene, found, intake)
+    said = [f"Anchor: {anchor}, as {why}."]
+    if scene.start is not None and scene.goal is not None and np.allclose(scene.start, scene.goal):
+        said.append("The keyframes 'start' and 'goal' are the same, so that the straight path between them rests.")
+    said += _shortened(_of_recordings(found))
+    said += _shortened(_of_rooms(scene, surface, found, anchor))
+    return Choice(anchor, tuple(said))
+
+
+def _anchor(scene: Scene, found: Found, intake: Intake) -> tuple[str, str]:
+    missing = [key for key, pose in (("start", scene.start), ("goal", scene.goal)) if pose is None]
+    if scene.start is None or scene.goal is None:
+        return DEMONSTRATION_ANCHOR, f"the scene has no keyframe {' or '.join(missing)}"
+    if not found.rows:
+        return TASK_ANCHOR, "the scene has keyframes 'start' and 'goal'"
+    paths = np.stack([row["waypoints"] for row in found.rows])
+    starts, goals = distances(scene, paths[:, 0], scene.start), distances(scene, paths[:, -1], scene.goal)
+    far = sum(
+        is_far(one, intake.settings) or is_far(other, intake.settings) for one, other in zip(starts, goals, strict=True)
+    )
+    if 2 * far > len(paths):
+        return DEMONSTRATION_ANCHOR, f"{far} of {len(paths)} recordings start or end far from the scene's keyframes"
+    return TASK_ANCHOR, (
+        f"{len(paths) - far} of {len(paths)} recordings start and end near the scene's keyframes 'start' and 'goal'"
+        + (f", and ingest refuses the {far} others" if far else "")
+    )
+
+
+def _of_recordings(found: Found) -> list[str]:
+    refused = [f"{row['source']} ({row['reason']}): {row['detail']}" for row in found.rejected]
+    return refused + [f"{row['source']}: {row['remarks']}." for row in found.rows if row["remarks"]]
+
+
+def _of_rooms(scene: Scene, surface: str | None, found: Found, anchor: str) -> list[str]:
+    """What is odd about the ends that alternatives are to have."""
+    ends: dict[str, Anchor] = {}
+    if anchor == TASK_ANCHOR and scene.start is not None and scene.goal is not None:
+        ends = {scene.path.name: Anchor(scene.start, scene.goal)}
+    elif anchor == DEMONSTRATION_ANCHOR:
+        ends = {row["source"]: Anchor(row["waypoints"][0], row["waypoints"][-1]) for row in found.rows}
+    said = list[str]()
+    for whose, one in ends.items():
+        try:
+            said += [f"{remark}." for remark in Room.of(scene, surface, False, one, whose).remarks]
+        except StageError as error:
+            said.append(f"{error}.")
+    return said
+
+
+def _shortened(lines: list[str]) -> list[str]:
+    more = len(lines) - MOST
+    return lines if more <= 0 else [*lines[:MOST], f"And {more} more of this kind; `lessbench check` lists them all."]
