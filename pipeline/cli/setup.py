@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +13,7 @@ from pipeline.cli.shared import SETUP, TaskName, this_project
 from pipeline.terminal import LONGEST_MESSAGE, plain, say
 
 commands = typer.Typer()
+FURTHEST_M = 100.0  # that an object may be away
 
 
 @commands.command(rich_help_panel=SETUP)
@@ -41,6 +44,16 @@ def new_task(
     scene: Annotated[
         Path | None, typer.Option(help="MJCF or URDF file, with keyframes `start` and `goal` if there are any.")
     ] = None,
+    arm: Annotated[
+        Path | None, typer.Option(help="MJCF or URDF file around which a scene is written, in place of --scene.")
+    ] = None,
+    table: Annotated[
+        bool, typer.Option("--table", help="With --arm: a table, its top where the arm's base is.")
+    ] = False,
+    object_: Annotated[
+        list[str] | None,
+        typer.Option("--object", metavar="NAME:X,Y,Z", help="With --arm: an object and where it is, m; once for each."),
+    ] = None,
     end_effector: Annotated[
         str | None, typer.Option(help="Body or site whose path matters; else the hand of the arm.")
     ] = None,
@@ -59,18 +72,53 @@ def new_task(
 
     Example: `lessbench new-task pour --scene my_scene.xml --recordings my_recordings`, then `dvc repro inspect@pour`.
     """
+    from pipeline.commands.built_scene import Surroundings, built_scene
     from pipeline.commands.new_task import Wishes, add_task
     from pipeline.errors import ParameterError
 
-    wrong = [pair for pair in joint_name or () if not all(pair.partition("="))]
-    if wrong:
-        raise ParameterError(f"--joint-name is {wrong[0]!r}; write RECORDED=SCENE, such as fr3_joint1=panda_joint1")
-    names = {pair.partition("=")[0]: pair.partition("=")[2] for pair in joint_name or ()}
-    if scene is None:
-        raise ParameterError("--scene is missing; name an MJCF or URDF file")
-    wishes = Wishes(name, scene, recordings, end_effector, tuple(joint or ()), names)
-    for line in add_task(this_project(), wishes):
+    if (scene is None) == (arm is None) or (arm is None and (table or object_)):
+        raise ParameterError("name either --scene, or --arm, which --table and --object go with")
+    project, names = this_project(), _joint_names(joint_name or ())
+    wishes = Wishes(name, scene or Path(), recordings, end_effector, tuple(joint or ()), names)
+    if arm is None:
+        lines = add_task(project, wishes)
+    else:
+        wanted = Surroundings(arm, table, _objects(object_ or ()))
+        with built_scene(project, wishes, wanted) as (wishes, built):
+            lines = [*built, *add_task(project, wishes)]
+    for line in lines:
         say(plain(line, LONGEST_MESSAGE))
+
+
+def _joint_names(pairs: Iterable[str]) -> dict[str, str]:
+    from pipeline.errors import ParameterError
+
+    found = {}
+    for pair in pairs:
+        recorded, equals, ours = pair.partition("=")
+        if not (recorded and equals and ours):
+            raise ParameterError(f"--joint-name is {pair!r}; write RECORDED=SCENE, such as fr3_joint1=panda_joint1")
+        found[recorded] = ours
+    return found
+
+
+def _objects(texts: Iterable[str]) -> dict[str, tuple[float, float, float]]:
+    from pipeline.errors import ParameterError
+
+    found = {}
+    for text in texts:
+        name, _, place = text.partition(":")
+        try:
+            x, y, z = (float(number) for number in place.split(","))
+        except ValueError:
+            raise ParameterError(f"--object is {text!r}; write NAME:X,Y,Z in metres, such as cup:0.5,0,0.1") from None
+        if not re.fullmatch(r"[A-Za-z]\w*", name) or not all(abs(number) < FURTHEST_M for number in (x, y, z)):
+            raise ParameterError(
+                f"--object is {text!r}; its name has letters, digits and underscores, and it stands less than "
+                f"{FURTHEST_M:g} m away"
+            )
+        found[name] = (x, y, z)
+    return found
 
 
 @commands.command("remove-task", rich_help_panel=SETUP)

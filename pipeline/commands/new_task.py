@@ -46,6 +46,7 @@ class Wishes:
         end_effector: body or site whose path matters.
         joints: names of the arm's joints in the scene, in order.
         joint_names: name in the recordings: name in the scene.
+        objects: bodies, nearness to which may matter.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Wishes:
     end_effector: str | None = None
     joints: tuple[str, ...] = ()
     joint_names: Mapping[str, str] = field(default_factory=dict)
+    objects: tuple[str, ...] = ()
 
 
 def add_task(project: Project, wishes: Wishes) -> list[str]:
@@ -68,11 +70,10 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
         SceneError: see `pipeline.replay.load_scene`.
     """
     require_new(project, wishes.name)
-    recorded = _recorded(wishes)
-    scene, names, said = _arm(wishes, recorded)
+    scene, names, said = chosen_arm(wishes)
     surface = scene.box_sites()[0] if len(scene.box_sites()) == 1 else None
     choice = chosen_anchor(project, wishes.name, scene, surface, wishes.recordings, names)
-    entry = _skeleton(scene, project.named(wishes.scene), project.named(wishes.recordings), surface, names, choice)
+    entry = _skeleton(project, wishes, scene, surface, names, choice)
     write_task(project, wishes.name, entry)
     remedy = dvc_follows(project)
     return [
@@ -119,8 +120,13 @@ def _recorded(wishes: Wishes) -> RecordedJoints:
     return recorded
 
 
-def _arm(wishes: Wishes, recorded: RecordedJoints) -> tuple[Scene, dict[str, str], list[str]]:
-    """The scene with the joints that are the arm's, `joint_names`, and what was chosen."""
+def chosen_arm(wishes: Wishes) -> tuple[Scene, dict[str, str], list[str]]:
+    """The scene with the joints that are the arm's, `joint_names`, and what was chosen.
+
+    Raises:
+        ParameterError, SceneError: see `add_task`.
+    """
+    recorded = _recorded(wishes)
     unknown = UnknownArm(wishes.scene)
     names = dict(wishes.joint_names) or renamed(matched_names(recorded.shared, unknown.joints))
     theirs = {ours: name for name, ours in names.items()}
@@ -177,17 +183,18 @@ def _of_surface(scene: Scene, surface: str | None) -> str:
 
 
 def _skeleton(
-    scene: Scene, file: str, recordings: str, surface: str | None, names: Mapping[str, str], choice: Choice
+    project: Project, wishes: Wishes, scene: Scene, surface: str | None, names: Mapping[str, str], choice: Choice
 ) -> dict[str, Any]:
-    terms = {"efficiency": {"kind": "efficiency"}, "height": {"kind": "height"}}
+    near = {name: {"kind": "proximity", "object": name, "radius_m": 0.4} for name in wishes.objects}
+    terms = {"efficiency": {"kind": "efficiency"}, "height": {"kind": "height"}} | near
     return {
-        "scene": file,
+        "scene": project.named(wishes.scene),
         "end_effector": scene.end_effector,
         "joints": list(scene.joints),
         **({"joint_names": dict(names)} if names else {}),
         "surface": surface,
         "collisions": False,
-        "recordings": recordings,
+        "recordings": project.named(wishes.recordings),
         "anchor": choice.anchor,
         "features": terms,
         "preferences": terms,
