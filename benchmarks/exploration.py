@@ -78,7 +78,7 @@ def case(name: str, data: Path, recordings: Path | None = None) -> Case:
     parameters = load(ROOT / "params.yaml")
     task_name = name.rstrip("0123456789")
     task = parameters.task(task_name)
-    scene = load_scene(ROOT / task.scene, end_effector=task.end_effector)
+    scene = load_scene(ROOT / task.scene, end_effector=task.end_effector, joints=task.joints)
     features = bind_features(scene, task.features)
     scales = pl.read_parquet(data / task_name / "scales.parquet")["scale"].to_numpy()
     if recordings is None:

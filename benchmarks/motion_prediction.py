@@ -50,7 +50,7 @@ class Data:
 def read(datasets: Path, task: str, recordings: Path | None) -> Data:
     params = load(Path("params.yaml"))
     settings = params.task(task)
-    scene = load_scene(settings.scene, end_effector=settings.end_effector)
+    scene = load_scene(settings.scene, end_effector=settings.end_effector, joints=settings.joints)
     features = bind_features(scene, settings.features)
     there = pl.read_parquet(datasets / task / "alternatives.parquet").filter(pl.col("set_id") == "working")
     scale = pl.read_parquet(datasets / task / "scales.parquet")["scale"].to_numpy()

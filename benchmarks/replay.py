@@ -67,7 +67,7 @@ int main(int argc, char** argv) {
 def table_task() -> tuple[FeatureSet, Anchor]:
     """The features of the task in its scene, and its start and goal."""
     task = load(ROOT / "params.yaml").task("table")
-    scene = load_scene(ROOT / task.scene, end_effector=task.end_effector)
+    scene = load_scene(ROOT / task.scene, end_effector=task.end_effector, joints=task.joints)
     return bind_features(scene, task.features), Anchor(scene.start, scene.goal)
 
 

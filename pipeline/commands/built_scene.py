@@ -51,7 +51,7 @@ def built_scene(project: Project, wishes: Wishes, wanted: Surroundings) -> Itera
     file = project.datasets / "scenes" / f"{wishes.name}.xml"
     if file.exists():
         raise ParameterError(f"{project.named(file)} is there already; name it with --scene, or move it away")
-    text = furnished(wanted.arm, file, table=wanted.table, objects=wanted.objects)
+    text, remarks = furnished(wanted.arm, file, table=wanted.table, objects=wanted.objects)
     _write(file, text)
     wishes = replace(wishes, scene=file, objects=tuple(wanted.objects))
     try:
@@ -68,6 +68,7 @@ def built_scene(project: Project, wishes: Wishes, wanted: Surroundings) -> Itera
                 "Its keyframes start and goal are the medians of where the recordings start and end."
                 if ends
                 else "It has no keyframes, as the recordings start or end in different places.",
+                *(f"Of {wanted.arm.name}: {remark}." for remark in remarks),
             ],
         )
     except BaseException:

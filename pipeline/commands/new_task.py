@@ -12,7 +12,7 @@ from pipeline.commands.task_checks import Choice, chosen_anchor
 from pipeline.commands.task_files import dvc_follows
 from pipeline.errors import ParameterError, few_of, one_of
 from pipeline.formats.files.atomic import written_whole
-from pipeline.replay.arm_proposal import UnknownArm, hand_of_scene
+from pipeline.replay.arm_proposal import UnknownArm, hand_of_scene, joints_elsewhere
 from pipeline.replay.scene import Scene, load_scene
 from pipeline.vocabulary import RESERVED_FOLDERS
 from pipeline.workspace.joint_names import matched_names, renamed
@@ -81,6 +81,7 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
         *said,
         f"End effector: {scene.end_effector}"
         + ("." if wishes.end_effector else ", the hand of these joints; name another with --end-effector."),
+        *_of_other_hands(scene),
         _of_surface(scene, surface),
         *choice.lines,
         *(f"Of the scene: {remark}." for remark in scene.remarks),
@@ -163,12 +164,24 @@ def _said_of_joints(
         f"Joints of the arm: {', '.join(scene.joints)}, which all {recorded.recordings} recordings have.",
         *([f"Left out, and kept at home: {'; '.join(out)}. Name others with --joint."] if out else []),
         *(
-            [f"The recordings call them otherwise: {', '.join(f'{one}: {ours}' for one, ours in names.items())}."]
+            [f"The recordings call them otherwise: {few_of([f'{one}: {ours}' for one, ours in names.items()])}."]
             if names
             else []
         ),
         *([f"Only some recordings have {few_of(odd)}."] if odd else []),
     ]
+
+
+def _of_other_hands(scene: Scene) -> list[str]:
+    others = joints_elsewhere(scene)
+    return (
+        [
+            f"{few_of(others)} do not move it, as it is on another arm; features say with `object`, `above` or `body` "
+            "what else they look at."
+        ]
+        if others
+        else []
+    )
 
 
 def _of_surface(scene: Scene, surface: str | None) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.replay.mechanism.arm import movable_joints
+from pipeline.replay.mechanism.arm import ancestors, body_of, movable_joints
 from pipeline.replay.mechanism.couplings import joint_couplings
 from pipeline.replay.mechanism.proposal import Arm, free_bodies, named_hand, proposed_arm
 from pipeline.replay.scene import Scene, compile_scene
@@ -51,3 +51,11 @@ def hand_of_scene(scene: Scene) -> str:
         SceneError: no body of the arm has a name.
     """
     return named_hand(scene.path, scene.model, scene.rig.joint_ids.tolist())
+
+
+def joints_elsewhere(scene: Scene) -> list[str]:
+    """Names of the scene's joints beyond which the end effector is not, nor they beyond it: those of another arm."""
+    model, hand = scene.model, body_of(scene.model, scene.end_effector)
+    bodies = [int(model.jnt_bodyid[joint]) for joint in scene.rig.joint_ids.tolist()]
+    beside = [hand not in ancestors(model, body) and body not in ancestors(model, int(hand or 0)) for body in bodies]
+    return [name for name, apart in zip(scene.joints, beside, strict=True) if apart]

@@ -22,8 +22,8 @@ _TABLE_CENTRE, _TABLE_HALF_SIZE = (0.4, 0.0, -0.02), (0.8, 0.8, 0.02)  # m; its 
 _OBJECT_M = 0.04  # radius
 
 
-def furnished(arm: Path, output: Path, *, table: bool, objects: Mapping[str, Place]) -> str:
-    """MJCF of an arm with what stands around it.
+def furnished(arm: Path, output: Path, *, table: bool, objects: Mapping[str, Place]) -> tuple[str, tuple[str, ...]]:
+    """MJCF of an arm with what stands around it, and remarks on what of the arm was replaced.
 
     Args:
         arm: MJCF or URDF file.
@@ -35,7 +35,7 @@ def furnished(arm: Path, output: Path, *, table: bool, objects: Mapping[str, Pla
         SceneError: the arm cannot be read, a name is taken, or a mesh is not there.
     """
     try:
-        spec = _read(arm, output.absolute().parent)
+        spec, remarks = _read(arm, output.absolute().parent)
         taken = {body.name for body in spec.bodies}
         for name in (*((TABLE,) if table else ()), *objects):
             if name in taken:
@@ -48,7 +48,7 @@ def furnished(arm: Path, output: Path, *, table: bool, objects: Mapping[str, Pla
             body = spec.worldbody.add_body(name=name, pos=place)
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(_OBJECT_M, 0, 0), rgba=(0.8, 0.3, 0.2, 1))
         spec.compile()
-        return str(spec.to_xml())
+        return str(spec.to_xml()), remarks
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SceneError(f"MuJoCo cannot build a scene around {arm}: {' '.join(str(error).split())}") from error
 
@@ -64,13 +64,15 @@ def with_keyframes(text: str, scene: Scene, keyframes: Mapping[str, FloatArray])
     return f"{head}\n  <keyframe>\n{''.join(lines)}  </keyframe>\n</mujoco>{tail}"
 
 
-def _read(arm: Path, folder: Path) -> Any:
-    """The arm as `mujoco.MjSpec`, its files named from the folder of the output."""
+def _read(arm: Path, folder: Path) -> tuple[Any, tuple[str, ...]]:
+    """The arm as `mujoco.MjSpec`, its files named from the folder of the output, and remarks."""
     if not arm.is_file():
         raise SceneError(f"There is no file {arm}; give the path of an MJCF or URDF file.")
     check_declared_sizes(arm)
+    remarks: tuple[str, ...] = ()
     if is_urdf(arm):
         urdf = read_urdf(arm)
+        remarks = urdf.remarks
         spec = mujoco.MjSpec.from_string(urdf.text, assets=urdf.assets)
         found = {name: path.absolute() for name, path in urdf.meshes.items()}
         spec.assets = {}
@@ -84,7 +86,7 @@ def _read(arm: Path, folder: Path) -> Any:
             part.file = os.path.relpath(found[part.file], folder)
     spec.meshdir = spec.texturedir = ""
     spec.modelfiledir = str(folder)
-    return spec
+    return spec, remarks
 
 
 def _located(files: Sequence[Path], spec: Any) -> dict[str, Path]:

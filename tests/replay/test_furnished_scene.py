@@ -29,7 +29,9 @@ def built(folder: Path, which: str) -> tuple[Path, Scene]:
     (folder / place).write_bytes(stl())
     output = folder / "project" / "scenes" / "built.xml"
     output.parent.mkdir(parents=True)
-    output.write_text(furnished(folder / name, output, table=True, objects={"cup": (0.5, 0.1, 0.2)}))
+    text, remarks = furnished(folder / name, output, table=True, objects={"cup": (0.5, 0.1, 0.2)})
+    assert remarks == ()
+    output.write_text(text)
     return folder / name, load_scene(output)
 
 
@@ -47,6 +49,12 @@ def test_the_arm_moves_as_before(tmp_path: Path, which: str) -> None:
         name = alone.model.body(body).name
         np.testing.assert_allclose(ours.body(name).xpos, theirs.body(name).xpos, atol=1e-6)
     np.testing.assert_allclose(ours.body("cup").xpos, (0.5, 0.1, 0.2))
+
+
+def test_what_was_replaced_is_said(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(robot(mesh("a.stl")))
+    _, (remark,) = furnished(tmp_path / "arm.urdf", tmp_path / "x.xml", table=False, objects={})
+    assert remark.startswith("1 meshes (a.stl) are not there")
 
 
 def test_keyframes(tmp_path: Path) -> None:

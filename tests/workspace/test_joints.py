@@ -7,11 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pipeline.errors import ParameterError, SceneError, StageError
 from pipeline.formats.parquet.tables import read_table
 from pipeline.params import Params, load, parse
+from pipeline.replay import replay
+from pipeline.replay.surface import Surface
 from pipeline.stages import ingest, sample, scene
 from pipeline.workspace.project import Project
 from pipeline.workspace.scenes import load_task_scene
@@ -137,5 +140,7 @@ def test_the_shared_cases(name: str, task: str, tmp_path: Path) -> None:
     assert loaded.joints == ("j1", "j2", "j3")
     ingest.run(project, task)
     sample.run(project, task)
-    drawn = read_table(project.table(task, "alternatives"), "alternatives")
-    assert drawn["waypoints"].to_numpy().shape[2] == 3
+    drawn = read_table(project.table(task, "alternatives"), "alternatives")["waypoints"].to_numpy()
+    assert drawn.shape[2] == 3
+    (motion,) = replay(loaded, drawn.astype(np.float64))
+    assert float(Surface(loaded, "table_top").depth(motion).max()) < 1e-6  # the tip below the last body, too
