@@ -78,12 +78,12 @@ def panda_with_gripper(folder: Path, models: Path) -> Lab:
     for part, home in ((spec, "robots/panda"), (gripper, "grippers")):
         for mesh in part.meshes:
             mesh.file = str(models / "robosuite/models/assets" / home / mesh.file)
-    hand.add_frame().attach_body(gripper.worldbody.first_body(), "", "")
+    hand.add_frame().attach_body(gripper.worldbody.first_body(), "gripper_", "")
     file = folder / "panda.xml"
     file.write_text(spec.to_xml())
     joints = tuple(f"joint{n}" for n in range(1, 8))
     return Lab(
-        file, ("--scene", str(file)), joints, "grip_site", lambda name: f"fr3_{name}",
+        file, ("--scene", str(file)), joints, "gripper_grip_site", lambda name: f"fr3_{name}",
         ("fr3_finger_joint1", "fr3_finger_joint2"),
     )  # fmt: skip
 

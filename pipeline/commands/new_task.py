@@ -13,7 +13,8 @@ from pipeline.commands.task_files import dvc_follows
 from pipeline.errors import ParameterError, few_of, one_of
 from pipeline.formats.files.atomic import written_whole
 from pipeline.replay.arm_proposal import UnknownArm, hand_of_scene, joints_elsewhere
-from pipeline.replay.scene import Scene, load_scene
+from pipeline.replay.scene import Scene, load_scene, scene_files
+from pipeline.stages.registry import stage
 from pipeline.vocabulary import RESERVED_FOLDERS
 from pipeline.workspace.joint_names import matched_names, renamed
 from pipeline.workspace.params_edits import with_entry
@@ -85,7 +86,9 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
         _of_surface(scene, surface),
         *choice.lines,
         *(f"Of the scene: {remark}." for remark in scene.remarks),
-        f"Say in {params.FILE} which features matter, then run: dvc repro inspect@{wishes.name}",
+        *_of_files(project, scene),
+        f"Say in {params.FILE} which features matter, then run: dvc repro infer@{wishes.name} for the posterior, or "
+        f"dvc repro inspect@{wishes.name} to look at it, too",
         *([] if remedy is None else [remedy]),
     ]
 
@@ -170,6 +173,21 @@ def _said_of_joints(
         ),
         *([f"Only some recordings have {few_of(odd)}."] if odd else []),
     ]
+
+
+def _of_files(project: Project, scene: Scene) -> list[str]:
+    """Files that the scene depends on and that no stage waits for."""
+    watched = [project.root / folder for folder in stage("scene").inputs]
+    others = [file for file in scene_files(scene.path) if file.name != scene.path.name]
+    unseen = [file.name for file in others if not any(file.is_relative_to(folder) for folder in watched)]
+    return (
+        [
+            f"A change of {few_of(unseen)}, which the scene depends on, makes nothing stale; files in "
+            f"{' or '.join(stage('scene').inputs)} are watched."
+        ]
+        if unseen
+        else []
+    )
 
 
 def _of_other_hands(scene: Scene) -> list[str]:
