@@ -64,6 +64,7 @@ def new_task(
         list[str] | None,
         typer.Option(metavar="RECORDED=SCENE", help="What the scene calls a joint of the recordings; once for each."),
     ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Then show the recordings in the scene, in the viewer.")] = False,
 ) -> None:
     """Propose a task from a scene and recordings, write it into params.yaml, and say what was chosen and what is odd.
 
@@ -88,6 +89,10 @@ def new_task(
             lines = [*built, *add_task(project, wishes)]
     for line in lines:
         say(plain(line, LONGEST_MESSAGE))
+    if view:
+        from pipeline.commands.scene_view import view_scene
+
+        view_scene(this_project(), name)
 
 
 def _joint_names(pairs: Iterable[str]) -> dict[str, str]:

@@ -54,7 +54,7 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
     paths = view.demonstrations["waypoints"].to_numpy()
     return Inspection(
         task=name,
-        replay=_replay(scene, paths, view.demonstrations["duration_s"].to_numpy()),
+        replay=replay_of(scene, paths, view.demonstrations["duration_s"].to_numpy()),
         demonstration_ids=tuple(view.demonstrations["demonstration_id"]),
         demonstration_paths=body_positions(scene, paths, [tip])[tip],
         alternatives=alternatives,
@@ -130,7 +130,8 @@ def _robustness(project: Project, name: str) -> pl.DataFrame | None:
     return rows if rows.height and (rows["value"] > 0).all() else None
 
 
-def _replay(scene: Scene, paths: FloatArray, durations_s: FloatArray) -> Replay:
+def replay_of(scene: Scene, paths: FloatArray, durations_s: FloatArray) -> Replay:
+    """The arm in its scene along waypoints (n, T, J), one demonstration after another, each as long as it took (n,)."""
     configurations, time_s, demonstration = replay_samples(paths, durations_s)
     positions, quaternions = body_poses(scene, configurations)
     return Replay(extract_geometry(scene.model), positions, quaternions, time_s, demonstration)
