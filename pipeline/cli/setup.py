@@ -64,6 +64,9 @@ def new_task(
         list[str] | None,
         typer.Option(metavar="RECORDED=SCENE", help="What the scene calls a joint of the recordings; once for each."),
     ] = None,
+    own_file: Annotated[
+        bool, typer.Option("--own-file", help="Write it into tasks/NAME.yaml, which no update of the program touches.")
+    ] = False,
     view: Annotated[bool, typer.Option("--view", help="Then show the recordings in the scene, in the viewer.")] = False,
 ) -> None:
     """Propose a task from a scene and recordings, write it into params.yaml, and say what was chosen and what is odd.
@@ -80,7 +83,7 @@ def new_task(
     if (scene is None) == (arm is None) or (arm is None and (table or object_)):
         raise ParameterError("name either --scene, or --arm, which --table and --object go with")
     project, names = this_project(), _joint_names(joint_name or ())
-    wishes = Wishes(name, scene or Path(), recordings, end_effector, tuple(joint or ()), names)
+    wishes = Wishes(name, scene or Path(), recordings, end_effector, tuple(joint or ()), names, own_file=own_file)
     if arm is None:
         lines = add_task(project, wishes)
     else:

@@ -201,7 +201,7 @@ def _look_at_commands(path: Path, shown: str, found: Inspection) -> None:
 def _written_here(folder: Path) -> str | None:
     """The dvc.yaml of these parameters; None if they are none that this program takes."""
     try:
-        return dvc_yaml(params.load(folder / params.FILE))
+        return dvc_yaml(params.load(folder / params.FILE), params.own_tasks(folder))
     except (WorkbenchError, OSError):
         return None
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pipeline import params
 from pipeline.commands.task_checks import Choice, chosen_anchor
-from pipeline.commands.task_files import dvc_follows
+from pipeline.commands.task_files import DvcFile
 from pipeline.errors import ParameterError, few_of, one_of
 from pipeline.formats.files.atomic import written_whole
 from pipeline.replay.arm_proposal import UnknownArm, hand_of_scene, joints_elsewhere
@@ -17,7 +17,7 @@ from pipeline.replay.scene import Scene, load_scene, scene_files
 from pipeline.stages.registry import stage
 from pipeline.vocabulary import RESERVED_FOLDERS
 from pipeline.workspace.joint_names import matched_names, renamed
-from pipeline.workspace.params_edits import with_entry
+from pipeline.workspace.params_edits import entry_text, with_entry
 from pipeline.workspace.project import Project
 from pipeline.workspace.recorded_joints import RecordedJoints, recorded_joints
 from pipeline.yaml_text import plain_yaml
@@ -48,6 +48,7 @@ class Wishes:
         joints: names of the arm's joints in the scene, in order.
         joint_names: name in the recordings: name in the scene.
         objects: bodies, nearness to which may matter.
+        own_file: whether it is to stand in `tasks/NAME.yaml` and not in params.yaml.
     """
 
     name: str
@@ -57,6 +58,12 @@ class Wishes:
     joints: tuple[str, ...] = ()
     joint_names: Mapping[str, str] = field(default_factory=dict)
     objects: tuple[str, ...] = ()
+    own_file: bool = False
+
+    @property
+    def file(self) -> str:
+        """Where it is to stand."""
+        return f"{params.OWN_TASKS}/{self.name}.yaml" if self.own_file else params.FILE
 
 
 def add_task(project: Project, wishes: Wishes) -> list[str]:
@@ -75,10 +82,11 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
     surface = scene.box_sites()[0] if len(scene.box_sites()) == 1 else None
     choice = chosen_anchor(project, wishes.name, scene, surface, wishes.recordings, names)
     entry = _skeleton(project, wishes, scene, surface, names, choice)
-    write_task(project, wishes.name, entry)
-    remedy = dvc_follows(project)
+    dvc = DvcFile(project)
+    _write(project, wishes, entry)
+    remedy = dvc.follow()
     return [
-        f"task {wishes.name!r} is in {params.FILE}.",
+        f"task {wishes.name!r} is in {wishes.file}.",
         *said,
         f"End effector: {scene.end_effector}"
         + ("." if wishes.end_effector else ", the hand of these joints; name another with --end-effector."),
@@ -87,7 +95,7 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
         *choice.lines,
         *(f"Of the scene: {remark}." for remark in scene.remarks),
         *_of_files(project, scene),
-        f"Say in {params.FILE} which features matter, then run: dvc repro infer@{wishes.name} for the posterior, or "
+        f"Say in {wishes.file} which features matter, then run: dvc repro infer@{wishes.name} for the posterior, or "
         f"dvc repro inspect@{wishes.name} to look at it, too",
         *([] if remedy is None else [remedy]),
     ]
@@ -96,20 +104,25 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
 def require_new(project: Project, name: str) -> None:
     """Raise a ParameterError if a task cannot have this name."""
     if name in project.params.tasks:
-        raise ParameterError(f"there is a task {name!r} already in {params.FILE}; choose another name")
+        raise ParameterError(
+            f"there is a task {name!r} already in {project.own_tasks.get(name, params.FILE)}; choose another name"
+        )
     if name in RESERVED_FOLDERS:
         raise ParameterError(f"a task cannot be called {name!r}, since datasets/{name} is taken; choose another name")
 
 
-def write_task(project: Project, name: str, entry: Mapping[str, Any]) -> None:
-    """Add an entry to the tasks in params.yaml.
+def _write(project: Project, wishes: Wishes, entry: Mapping[str, Any]) -> None:
+    """Add an entry to the tasks.
 
     Raises:
-        ParameterError: the result would not be what params.yaml may hold; the file is then as it was.
+        ParameterError: the result would not be what parameters may be; all files are then as they were.
     """
     file = project.root / params.FILE
-    text = with_entry(file.read_text(encoding="utf-8"), "tasks", name, entry, COMMENTS)
+    text = with_entry(file.read_text(encoding="utf-8"), "tasks", wishes.name, entry, COMMENTS)
     params.parse(plain_yaml(text), str(file))
+    if wishes.own_file:
+        file = project.root / wishes.file
+        text = f"tasks:\n{entry_text(wishes.name, entry, COMMENTS)}"
     with written_whole(file) as stream:
         stream.write(text.encode())
 
@@ -204,10 +217,10 @@ def _of_other_hands(scene: Scene) -> list[str]:
 
 def _of_surface(scene: Scene, surface: str | None) -> str:
     if surface is not None:
-        return f"Surface: {surface}, the scene's one box site, which paths stay above; null in {params.FILE} for none."
+        return f"Surface: {surface}, the scene's one box site, which paths stay above; null in the task for none."
     boxes = scene.box_sites()
     return (
-        f"Surface: none, as the scene has {len(boxes)} box sites, {one_of(boxes)}; name one in {params.FILE}."
+        f"Surface: none, as the scene has {len(boxes)} box sites, {one_of(boxes)}; name one in the task."
         if boxes
         else "Surface: none, as the scene has no site of type box; paths may go anywhere that the joints reach."
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 from ruamel.yaml import YAML
 
 from pipeline import params
-from pipeline.commands.task_files import dvc_follows
+from pipeline.commands.task_files import DvcFile
 from pipeline.errors import ParameterError
 from pipeline.formats.files.atomic import written_whole
 from pipeline.stages.registry import STAGES
@@ -37,24 +37,36 @@ def remove_task(project: Project, name: str) -> list[str]:
         raise ParameterError(f"{name!r} is the only task in {params.FILE}, which needs one; add another one first")
     file = project.root / params.FILE
     text = file.read_text(encoding="utf-8")
+    dvc = DvcFile(project)
+    if own := project.own_tasks.get(name):
+        (project.root / own).unlink()
+        return [*_gone(project, name, False, task.scene, task.recordings), *_remedy(dvc)]
     if simulated:
         text = without_entry(text, "simulate.weights", name)
     text = without_entry(text, "tasks", name)
     params.parse(plain_yaml(text), str(file))
     with written_whole(file) as stream:
         stream.write(text.encode())
-    remedy = dvc_follows(project)
+    return [*_gone(project, name, simulated, task.scene, task.recordings), *_remedy(dvc)]
+
+
+def _gone(project: Project, name: str, simulated: bool, scene: str, recordings: str) -> list[str]:
+    """Delete what the stages of a task made, and say what is left."""
     _forget_in_lock(project, name)
     _remove_made(project, name, simulated)
     folder = project.datasets / name
     left = sorted(project.shown(path) for path in folder.iterdir()) if folder.is_dir() else []
-    kept = [task.scene, *([] if simulated else [task.recordings]), *(path for path in left if path != task.recordings)]
+    kept = [scene, *([] if simulated else [recordings]), *(path for path in left if path != recordings)]
     return [
         f"task {name!r} and all that its stages made are gone.",
         f"Still there, as no stage made it: {', '.join(kept)}.",
         "So that the catalog and the report forget it too, run: dvc repro report",
-        *([] if remedy is None else [remedy]),
     ]
+
+
+def _remedy(dvc: DvcFile) -> list[str]:
+    found = dvc.follow()
+    return [] if found is None else [found]
 
 
 def _forget_in_lock(project: Project, name: str) -> None:

@@ -7,27 +7,41 @@ from pipeline.stages import dvc_yaml
 from pipeline.workspace.project import Project
 
 
-def dvc_follows(before: Project) -> str | None:
-    """Let the stages of the whole project wait for the tasks there are now, as DVC cannot list them by itself.
+class DvcFile:
+    """dvc.yaml of a project whose tasks are about to change.
 
     Args:
-        before: the project as it was read before its tasks changed.
-
-    Returns:
-        what to do, if dvc.yaml has been changed by hand where this should stand.
+        project: as it is before the change.
     """
-    file = before.root / dvc_yaml.FILE
-    if not file.is_file():
-        return None
-    text = file.read_text(encoding="utf-8")
-    parts = dvc_yaml.of_all_tasks(before.params), dvc_yaml.of_all_tasks(Project(before.root).params)
-    for old, new in zip(*parts, strict=True):
-        if old not in text:
+
+    def __init__(self, project: Project) -> None:
+        self._before, self._own = project, dict(project.own_tasks)
+        self._parts = dvc_yaml.of_all_tasks(project.params, self._own)
+
+    def follow(self) -> str | None:
+        """Let the stages of the whole project wait for the tasks there are now, as DVC cannot list them by itself.
+
+        Returns:
+            what to do, if dvc.yaml has been changed by hand where this should stand.
+        """
+        file = self._before.root / dvc_yaml.FILE
+        if not file.is_file():
+            return None
+        after = Project(self._before.root)
+        text = file.read_text(encoding="utf-8")
+        if after.own_tasks != self._own:
+            changed = text == dvc_yaml.dvc_yaml(self._before.params, self._own)
+            text = dvc_yaml.dvc_yaml(after.params, after.own_tasks)
+        else:
+            parts = list(zip(self._parts, dvc_yaml.of_all_tasks(after.params, self._own), strict=True))
+            changed = all(old in text for old, _ in parts)
+            for old, new in parts:
+                text = text.replace(old, new)
+        if not changed:
             return (
-                f"{dvc_yaml.FILE} is not as `python -m pipeline.stages.dvc_yaml` writes it, so its catalog will not "
-                "follow: write it anew with that command, or name the tasks in its last stages by hand"
+                f"{dvc_yaml.FILE} is not as `python -m pipeline.stages.dvc_yaml` writes it, so it will not follow: "
+                "write it anew with that command, or name the tasks in its last stages by hand"
             )
-        text = text.replace(old, new)
-    with written_whole(file) as stream:
-        stream.write(text.encode())
-    return None
+        with written_whole(file) as stream:
+            stream.write(text.encode())
+        return None

@@ -1,7 +1,7 @@
 """params.yaml as frozen, validated objects: every field checked, unknown keys refused, nothing guessed."""
 
 from pipeline.params.paths import fingerprint, value_at
-from pipeline.params.reading import load, parse
+from pipeline.params.reading import OWN_TASKS, load, own_tasks, parse
 from pipeline.params.sections import (
     FILE,
     Duplicates,
@@ -20,12 +20,14 @@ __all__ = [
     "GridWorldSettings",
     "Infer",
     "Ingest",
+    "OWN_TASKS",
     "Params",
     "Sample",
     "ShiftedSampler",
     "Task",
     "fingerprint",
     "load",
+    "own_tasks",
     "parse",
     "value_at",
 ]

@@ -15,11 +15,15 @@ from pipeline.params.sizes import check_sizes
 from pipeline.yaml_text import YamlError, plain_yaml
 
 LARGEST_BYTES = 1_000_000
+OWN_TASKS = "tasks"  # folder beside params.yaml, with a file for each task that does not stand there
+MOST_FILES = 1_000
 _KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 
 
 def load(path: Path, overlay: Path | None = None) -> Params:
     """Read and check the parameters in the YAML file `path` (plain data only: no tags, no objects).
+
+    Tasks may also stand in files of their own beside it, see `own_tasks`.
 
     Args:
         path: params.yaml.
@@ -28,7 +32,7 @@ def load(path: Path, overlay: Path | None = None) -> Params:
     Raises:
         ParameterError: a file is missing, is not YAML, or a field is unknown, missing or out of range.
     """
-    document = _read_yaml(path)
+    document = _with_own_tasks(_read_yaml(path), path.parent)
     if overlay is None:
         return parse(document, str(path))
     changes = _read_yaml(overlay)
@@ -37,6 +41,42 @@ def load(path: Path, overlay: Path | None = None) -> Params:
             f"{overlay}: holds no parameters; needed are sections of {path.name} with what is different"
         )
     return parse(_merged(document, changes), f"{path} with {overlay}")
+
+
+def own_tasks(folder: Path) -> dict[str, str]:
+    """Files of single tasks, `tasks/NAME.yaml`, by the name of the task, from the folder of params.yaml.
+
+    Raises:
+        ParameterError: there are more than 1,000.
+    """
+    files = sorted((folder / OWN_TASKS).glob("*.yaml"))
+    if len(files) > MOST_FILES:
+        raise ParameterError(f"{folder / OWN_TASKS} holds more than {MOST_FILES:,} files; a project has fewer tasks")
+    return {file.stem: f"{OWN_TASKS}/{file.name}" for file in files}
+
+
+def _with_own_tasks(document: object, folder: Path) -> object:
+    """The document of params.yaml with the tasks that stand in files of their own."""
+    if not isinstance(document, dict) or not (own := own_tasks(folder)):
+        return document
+    tasks = document.get("tasks")
+    found = dict(tasks) if isinstance(tasks, dict) else {}
+    simulated = document["simulate"].get("weights") if isinstance(document.get("simulate"), dict) else None
+    for name, file in own.items():
+        content = _read_yaml(folder / file)
+        inside = content.get("tasks") if isinstance(content, dict) and len(content) == 1 else None
+        if not isinstance(inside, dict) or list(inside) != [name]:
+            raise ParameterError(
+                f"{folder / file}: must hold `tasks:` and in it the one task {name!r}, as the file is called"
+            )
+        if name in found:
+            raise ParameterError(f"{folder / file}: the task {name!r} is in {FILE}, too; keep one of them")
+        if isinstance(simulated, dict) and name in simulated:
+            raise ParameterError(
+                f"{folder / file}: simulate.weights names {name!r}; a simulated task must stand in {FILE}"
+            )
+        found[name] = inside[name]
+    return document | {"tasks": found}
 
 
 def parse(document: object, source: str = FILE) -> Params:

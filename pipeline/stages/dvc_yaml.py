@@ -7,10 +7,13 @@ registry, of a stage's imports or of the tasks in params.yaml, and when `sample.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 from pipeline.formats.files.atomic import written_whole
+from pipeline.params import FILE as FILE_OF_PARAMETERS
 from pipeline.params import Params, value_at
 from pipeline.stages.registry import OPTIONAL, STAGES, Scope, Stage
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
@@ -48,29 +51,34 @@ HEAD = """\
 # Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
 # A stage re-runs when a file or parameter that it lists has changed. Outputs persist: a stage that fails leaves what
 # was there, one that succeeds replaces it whole.
-stages:
 """
+NO_FILES: Mapping[str, str] = MappingProxyType({})
 
 
 def main() -> None:
     """Write dvc.yaml of the project around the working directory."""
     project = find_project(Path.cwd())
     with written_whole(project.root / FILE) as stream:
-        stream.write(dvc_yaml(project.params).encode())
+        stream.write(dvc_yaml(project.params, project.own_tasks).encode())
 
 
-def dvc_yaml(params: Params) -> str:
-    """The text of dvc.yaml for a project with these parameters."""
-    stages = [_stage(stage, params) for stage in STAGES if stage.scope is not Scope.PROJECT]
+def dvc_yaml(params: Params, own: Mapping[str, str] = NO_FILES) -> str:
+    """The text of dvc.yaml for a project with these parameters.
+
+    Args:
+        params: of the project.
+        own: files of single tasks, by the name of the task (see `pipeline.params.own_tasks`).
+    """
+    stages = [_stage(stage, params, own) for stage in STAGES if stage.scope is not Scope.PROJECT]
     stages[0] = stages[0].replace(KEPT, "&kept {persist: true}", 1)
-    return HEAD + "".join([*stages, *of_all_tasks(params)])
+    return HEAD + _variables(params, own) + "stages:\n" + "".join([*stages, *of_all_tasks(params, own)])
 
 
-def of_all_tasks(params: Params) -> list[str]:
+def of_all_tasks(params: Params, own: Mapping[str, str] = NO_FILES) -> list[str]:
     """The parts of the text that name every task: the stages of the whole project, and what `dvc plots show` shows."""
     figures = dict.fromkeys(params.tasks, TASK_FIGURES) | {STUDIES: STUDY_FIGURES}
     plots = [f"datasets/{place}/figures/{name}.svg" for place, names in figures.items() for name in names]
-    stages = [_stage(stage, params) for stage in STAGES if stage.scope is Scope.PROJECT]
+    stages = [_stage(stage, params, own) for stage in STAGES if stage.scope is Scope.PROJECT]
     return [*stages, _listed("", "plots", plots)]
 
 
@@ -91,7 +99,15 @@ def code_of(module: str) -> list[str]:
     return sorted(_folders_for_files({file for file in files if not file.endswith("/__init__.py")}))
 
 
-def _stage(stage: Stage, params: Params) -> str:
+def _variables(params: Params, own: Mapping[str, str]) -> str:
+    """What DVC reads beside params.yaml, and in which file each task stands; nothing if all stand in params.yaml."""
+    if not own:
+        return ""
+    places = [f"    {name}: {{in: {own.get(name, FILE_OF_PARAMETERS)}}}\n" for name in params.tasks]
+    return "vars:\n" + "".join(f"- {file}\n" for file in own.values()) + "- tasks:\n" + "".join(places)
+
+
+def _stage(stage: Stage, params: Params, own: Mapping[str, str]) -> str:
     foreach = FOREACH.get(stage.scope)
     indent, key = ("    ", STUDIES) if foreach is None else ("      ", "${key}")
     tables = [table_path(key, table) for table in stage.reads]
@@ -99,13 +115,15 @@ def _stage(stage: Stage, params: Params) -> str:
         tables = [TABLES.format(task=key)]
     places = params.tasks if stage.scope is Scope.PROJECT else [key]
     inputs = dict.fromkeys(path.format(task=place) for path in stage.inputs for place in places)
+    if FILE_OF_PARAMETERS in inputs:
+        inputs |= dict.fromkeys(own.values())
     schemas = [f"schemas/{table}.toml" for table in stage.makes]
     made = [*(table_path(key, table) for table in stage.makes), *_for(stage.outputs, key)]
     return "".join(
         [
             f"  {stage.name}:\n" + (f"    foreach: {foreach}\n    do:\n" if foreach else ""),
             f"{indent}cmd: lessbench {stage.command}{f' {key}' if foreach else ''}\n",
-            _listed(indent, "params", _for(watched(stage.parameters), key)),
+            _listed(indent, "params", _in_files(stage, _for(watched(stage.parameters), key), own)),
             _listed(indent, "deps", [*_named(stage, params), *inputs, *tables, *schemas, *code_of(stage.module)]),
             _listed(indent, "outs", made, KEPT),
             _listed(indent, "metrics", _for(stage.metrics, key), KEPT),
@@ -118,6 +136,15 @@ def watched(paths: Sequence[str]) -> list[str]:
     whole = {path.rpartition(".")[0] for path in paths if path in OPTIONAL}
     inside = {path for path in paths for folder in whole if path.startswith(f"{folder}.")}
     return [*whole, *(path for path in paths if path not in inside)]
+
+
+def _in_files(stage: Stage, paths: Sequence[str], own: Mapping[str, str]) -> list[str]:
+    """The parameters, those of a task in the file in which it stands."""
+    mine = [path for path in paths if path.startswith("tasks.")]
+    if not own or not mine or stage.scope is not Scope.TASK:
+        return list(paths)
+    listed = ", ".join(f"'{path}'" for path in mine)
+    return [*(path for path in paths if path not in mine), f"{{'${{item.in}}': [{listed}]}}"]
 
 
 def _for(texts: Iterable[str], key: str) -> list[str]:
@@ -135,7 +162,7 @@ def _listed(indent: str, name: str, items: Sequence[str], setting: str = "") -> 
     """A YAML list in lines of `WIDTH`."""
     lines = [f"{indent}{name}: ["]
     for item in items:
-        text = f"'{item}'" if "$" in item else item
+        text = f"'{item}'" if "$" in item and not item.startswith("{") else item
         text = f"{text}: {setting}, " if setting else f"{text}, "
         if len(lines[-1]) + len(text) > WIDTH + 1:  # but for the last space
             lines.append(f"{indent}  ")
@@ -143,7 +170,8 @@ def _listed(indent: str, name: str, items: Sequence[str], setting: str = "") -> 
     return "\n".join(line.rstrip() for line in lines).removesuffix(",") + "]\n" if items else ""
 
 
-def _imported(file: str) -> set[str]:
+@cache
+def _imported(file: str) -> frozenset[str]:
     """The project's files that a file imports, anywhere in it."""
     found = set()
     for node in ast.walk(ast.parse((ROOT / file).read_text(encoding="utf-8"))):
@@ -155,7 +183,7 @@ def _imported(file: str) -> set[str]:
         for name in names:
             path = name.replace(".", "/")
             found |= {file for file in (f"{path}.py", f"{path}/__init__.py") if _is_code(file)}
-    return found
+    return frozenset(found)
 
 
 def _is_code(file: str) -> bool:

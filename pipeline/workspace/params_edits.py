@@ -39,10 +39,16 @@ def with_entry(text: str, section: str, name: str, entry: Mapping[str, Any], com
     lines = text.splitlines(keepends=True)
     last = _last_line(lines, block.start_mark.line, block.end_mark.line)
     step = _step(block, indent)
-    new = [f"{' ' * indent}{name}:\n"]
+    new = entry_text(name, entry, comments, indent, step)
+    return _checked(text, "".join([*lines[: last + 1], new, *lines[last + 1 :]]), section, name, entry)
+
+
+def entry_text(name: str, entry: Mapping[str, Any], comments: Mapping[str, str], indent: int = 2, step: int = 2) -> str:
+    """An entry as lines of a section: its name, `indent` columns in, and its settings `step` further in."""
+    lines = [f"{' ' * indent}{name}:\n"]
     for key, value in entry.items():
-        new += _lines(" " * (indent + step), key, value, comments.get(key), step)
-    return _checked(text, "".join([*lines[: last + 1], *new, *lines[last + 1 :]]), section, name, entry)
+        lines += _lines(" " * (indent + step), key, value, comments.get(key), step)
+    return "".join(lines)
 
 
 def without_entry(text: str, section: str, name: str) -> str:

@@ -54,6 +54,11 @@ class Project:
         """
         return params.load(self.root / params.FILE, self.overlay)
 
+    @cached_property
+    def own_tasks(self) -> dict[str, str]:
+        """Files of the tasks that do not stand in params.yaml, by the name of the task."""
+        return params.own_tasks(self.root)
+
     @property
     def datasets(self) -> Path:
         """Inputs that are kept and everything that is derived."""

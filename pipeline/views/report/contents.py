@@ -296,7 +296,8 @@ def _versions(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
 
 
 def _parameters(project: Project) -> list[Part]:
-    parts: list[Part] = [Verbatim((project.root / params.FILE).read_text(encoding="utf-8"))]
+    files = [params.FILE, *project.own_tasks.values()]
+    parts: list[Part] = [Verbatim((project.root / file).read_text(encoding="utf-8")) for file in files]
     if project.overlay is not None:
         parts += [
             Text("Given beside these, and taking their place:"),
