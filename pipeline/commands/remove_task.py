@@ -39,7 +39,10 @@ def remove_task(project: Project, name: str) -> list[str]:
     text = file.read_text(encoding="utf-8")
     dvc = DvcFile(project)
     if own := project.own_tasks.get(name):
-        (project.root / own).unlink()
+        file = project.root / own
+        file.unlink()
+        if not any(file.parent.iterdir()):
+            file.parent.rmdir()
         return [*_gone(project, name, False, task.scene, task.recordings), *_remedy(dvc)]
     if simulated:
         text = without_entry(text, "simulate.weights", name)

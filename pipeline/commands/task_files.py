@@ -29,7 +29,7 @@ class DvcFile:
             return None
         after = Project(self._before.root)
         text = file.read_text(encoding="utf-8")
-        if after.own_tasks != self._own:
+        if self._own or after.own_tasks:  # which all stages name
             changed = text == dvc_yaml.dvc_yaml(self._before.params, self._own)
             text = dvc_yaml.dvc_yaml(after.params, after.own_tasks)
         else:

@@ -41,8 +41,12 @@ def test_in_and_out_again(project: Project) -> None:
     assert list(mine.params.tasks) == ["sweep", "pour"]
     assert (mine.root / "dvc.yaml").read_text() == dvc_yaml(mine.params, mine.own_tasks)
     assert not [one for one in inspect_project(mine.root).findings if "dvc.yaml" in str(one)]
-    remove_task(mine, "pour")
-    assert not (mine.root / "tasks" / "pour.yaml").exists()
+    add_task(mine, Wishes("scoop", project.root / "gantry.xml", project.root / "mine"))
+    both = Project(project.root)
+    assert (mine.root / "dvc.yaml").read_text() == dvc_yaml(both.params, both.own_tasks)
+    remove_task(both, "pour")
+    assert not (mine.root / "tasks").exists()
+    remove_task(Project(project.root), "scoop")
     assert {name: (project.root / name).read_bytes() for name in before} == before
 
 
