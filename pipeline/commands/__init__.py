@@ -1,1 +1,1 @@
-"""What a person types that is no stage: check, new_task, recover, run, serve, sql, study, verify, watch."""
+"""Commands that are not stages: check, new_task, recover, remove_task, run, serve, sql, study, verify, watch."""
