@@ -355,7 +355,7 @@ def _culprit(
     name = repr(joints[j]) if joints else f"number {j + 1}"
     return (
         f" Joint {name} left its limits, {lower[j]:.6g} to {upper[j]:.6g}, in {beyond[j]} of them, on its way from "
-        f" {anchor.start[j]:.6g} to {anchor.goal[j]:.6g}; if it is no part of the arm, as a finger or a drawer is "
+        f"{anchor.start[j]:.6g} to {anchor.goal[j]:.6g}; if it is no part of the arm, as a finger or a drawer is "
         "none, leave it out of the task's `joints`."
     )
 
