@@ -15,6 +15,8 @@ from urllib.parse import unquote, urlparse
 from xml.etree import ElementTree
 from xml.parsers import expat
 
+import numpy as np
+
 from pipeline.errors import SceneError, few_of
 from pipeline.replay.declared_sizes import LARGEST_XML, require_file
 
@@ -23,6 +25,7 @@ LARGEST_MESH = 200_000_000  # bytes
 STAND_IN_M = "0.03"  # radius of the sphere in place of a mesh that is not there
 _BEGINNING = 64_000  # bytes in which the outermost element begins
 _ABOVE = 6  # folders above the file in which packages are looked for
+_AXES = ("xx", "xy", "xz", "yy", "yz", "zz")
 _COMPILER = {  # where the file says nothing else
     "fusestatic": "false",
     "discardvisual": "true",
@@ -88,6 +91,7 @@ def read_urdf(path: Path) -> Urdf:
         for link in root.iter("link"):
             for visual in link.findall("visual"):
                 link.remove(visual)
+    odd = _without_impossible_inertia(root)
     meshes, absent = dict[str, Path](), dict[str, None]()
     names = dict[Path, str]()
     for geometry, mesh in _meshes(root):
@@ -112,6 +116,8 @@ def read_urdf(path: Path) -> Urdf:
         if absent
         else []
     )
+    if odd:
+        remarks.append(f"the inertia of {few_of(odd)} is none that a body can have, and is left out; paths need none")
     return Urdf(ElementTree.tostring(root, encoding="unicode"), meshes, tuple(remarks))
 
 
@@ -126,6 +132,29 @@ def _tree(path: Path) -> ElementTree.Element:
     except (expat.ExpatError, ValueError, LookupError) as error:
         raise SceneError(f"{path} is not readable URDF: {error}") from error
     return builder.close()
+
+
+def _without_impossible_inertia(root: ElementTree.Element) -> list[str]:
+    """Take out inertias that are no positive definite matrix, which MuJoCo refuses.
+
+    Returns:
+        names of the links whose inertia is not only zero, but none that a body can have.
+    """
+    found = []
+    for link in root.iter("link"):
+        for inertial in link.findall("inertial"):
+            inertia = inertial.find("inertia")
+            stated = {} if inertia is None else inertia.attrib
+            try:
+                xx, xy, xz, yy, yz, zz = (float(stated.get(f"i{axes}", "0")) for axes in _AXES)
+            except ValueError:
+                continue  # MuJoCo says what is wrong
+            matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            least = np.linalg.eigvalsh(matrix)[0] if np.isfinite(matrix).all() else -np.inf
+            if inertia is not None and least <= 0:
+                link.remove(inertial)
+                found += [link.get("name", "")] if least < 0 else []
+    return found
 
 
 def _meshes(root: ElementTree.Element) -> Iterator[tuple[ElementTree.Element, ElementTree.Element]]:

@@ -60,6 +60,14 @@ def test_links_without_inertia_and_on_fixed_joints_are_kept(tmp_path: Path) -> N
     np.testing.assert_allclose(motion.end_effector[0], [[1.5, 0, 0], [0.5, 1, 0]], atol=1e-9)
 
 
+def test_an_inertia_that_no_body_has_is_left_out_and_said(tmp_path: Path) -> None:
+    wrong = '<link name="tool0"><inertial><mass value="1"/><inertia ixx="1" iyy="-1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    text = robot().replace('<link name="tool0"/>', f"{wrong}</inertial></link>")
+    scene = load_scene(written(tmp_path, text), end_effector="tool0")
+    (remark,) = scene.remarks
+    assert remark.startswith("the inertia of tool0 is none that a body can have")
+
+
 def test_a_mimic_follows(tmp_path: Path) -> None:
     scene = load_scene(written(tmp_path, robot()), end_effector="tool0")
     np.testing.assert_allclose(scene.rig.expanded(np.array([[0.3, 0.0]])), [[0.3, 0.0, 0.7]])

@@ -84,9 +84,9 @@ def hand_of(model: Any, ids: Sequence[int]) -> int:
         children = [i for i in range(body + 1, model.nbody) if model.body_parentid[i] == body and model.body(i).name]
         if jointed and (len(jointed) > 1 or set(scalar_joints(model, jointed[0])) - chosen):
             return body
-        if not jointed and not children:
+        if not jointed and len(children) != 1:
             return body
-        body = jointed[0] if jointed else children[-1]
+        body = jointed[0] if jointed else children[0]
 
 
 def body_of(model: Any, name: str) -> int | None:

@@ -13,8 +13,16 @@ from pipeline.replay.mechanism.arm import ancestors, hand_of, movable_joints, sc
 from pipeline.replay.mechanism.couplings import joint_couplings
 
 _FINGER = re.compile(r"finger|gripper|knuckle|thumb|jaw", re.IGNORECASE)
-_TIPS = (r"tcp", r"pinch|grasp|grip", r"tool", r"attachment", r"tip$", r"eef|end_?effector|(^|_)ee($|_)", r"flange")
-_SMALL = 0.5  # of the longest chain: a shorter one that stands by itself is furniture
+_TIPS = (  # what the place that matters is called, the surest first
+    r"tcp",
+    r"(pinch|grasp|grip)(_site|_point|_center|_frame|$)",
+    r"tool",
+    r"attachment",
+    r"tip$",
+    r"eef|end_?effector|(^|_)ee($|_)",
+    r"flange",
+)
+_SMALL = 0.5  # of the longest chain beside it: a shorter one is no arm
 
 
 @dataclass(frozen=True)
@@ -36,7 +44,7 @@ def proposed_arm(path: Path, model: Any, recorded: Sequence[str]) -> Arm:
     """The joints that are likely the arm's.
 
     Left out are joints that nobody recorded, fingers (by name, or because they hang on a chain that branches and is
-    longer than they are), and short chains that stand by themselves, such as drawers.
+    longer than they are), and chains beside one of twice their length, such as drawers and heads.
 
     Args:
         path: of the scene, for messages.
@@ -58,13 +66,7 @@ def proposed_arm(path: Path, model: Any, recorded: Sequence[str]) -> Arm:
         elif _FINGER.search(name) or _of_hand(outer, depth, joint):
             reasons[joint] = "finger"
     chosen = [joint for joint in movable if joint not in reasons]
-    reach = dict.fromkeys(map(_root(outer), chosen), 0)
-    for joint in chosen:
-        root = _root(outer)(joint)
-        reach[root] = max(reach[root], sum(one in chosen for one in _path(outer, joint)))
-    for joint in chosen:
-        if reach[_root(outer)(joint)] < _SMALL * max(reach.values()):
-            reasons[joint] = "stands by itself, as a drawer or door does"
+    reasons |= dict.fromkeys(_in_short_chains(outer, chosen), "short chain beside a longer one, as a drawer or a head")
     ids = [joint for joint in chosen if joint not in reasons]
     if not ids:
         names = [model.joint(joint).name for joint in movable]
@@ -131,8 +133,19 @@ def _path(outer: Mapping[int, int], joint: int) -> list[int]:
     return found
 
 
-def _root(outer: Mapping[int, int]) -> Any:
-    return lambda joint: _path(outer, joint)[-1]
+def _in_short_chains(outer: Mapping[int, int], chosen: Sequence[int]) -> list[int]:
+    """Those of the chosen joints whose chain is much shorter than another that hangs on the same joint or the world."""
+    longest = {
+        joint: max(len(set(_path(outer, one)) & set(chosen)) for one in outer if joint in _path(outer, one))
+        - len(set(_path(outer, joint)[1:]) & set(chosen))
+        for joint in outer
+    }
+    short = {
+        joint
+        for joint, length in longest.items()
+        if length < _SMALL * max(longest[one] for one in outer if outer[one] == outer[joint])
+    }
+    return [joint for joint in chosen if short & set(_path(outer, joint))]
 
 
 def _of_hand(outer: Mapping[int, int], depth: Mapping[int, int], joint: int) -> bool:

@@ -29,7 +29,9 @@ def test_fingers_by_name_and_by_place(tmp_path: Path) -> None:
 def test_furniture_and_what_nobody_recorded(tmp_path: Path) -> None:
     third = f'<body name="three"><joint name="j3"/>{BALL}</body>'
     bodies = arm(hand=third) + DRAWER
-    assert proposed(tmp_path, bodies).left_out == {"drawer_slide": "stands by itself, as a drawer or door does"}
+    assert proposed(tmp_path, bodies).left_out == {
+        "drawer_slide": "short chain beside a longer one, as a drawer or a head"
+    }
     found = proposed(tmp_path, bodies, ["j1", "j2", "j3"])
     assert (found.joints, found.left_out) == (("j1", "j2", "j3"), {"drawer_slide": "in no recording"})
 
@@ -39,6 +41,14 @@ def test_two_arms_and_a_base_that_moves(tmp_path: Path) -> None:
     assert proposed(tmp_path, both).joints == ("a_j1", "a_j2", "b_j1", "b_j2")
     torso = f'<body name="torso"><joint name="lift" type="slide"/>{BALL}{both}</body>'
     assert proposed(tmp_path, torso).joints == ("lift", "a_j1", "a_j2", "b_j1", "b_j2")
+
+
+def test_a_head_on_the_torso_of_two_arms(tmp_path: Path) -> None:
+    head = f'<body name="head"><joint name="pan"/>{BALL}</body>'
+    third = f'<body name="{{0}}three"><joint name="{{0}}j3"/>{BALL}</body>'
+    both = arm("a_", hand=third.format("a_")) + arm("b_", 1.0, hand=third.format("b_"))
+    found = proposed(tmp_path, f'<body name="torso"><joint name="lift" type="slide"/>{BALL}{both}{head}</body>')
+    assert list(found.left_out) == ["pan"]
 
 
 def test_what_moves_freely_is_named(tmp_path: Path) -> None:
