@@ -110,7 +110,7 @@ def read_urdf(path: Path) -> Urdf:
         mesh.set("filename", name)
     remarks = (
         [
-            f"{len(absent)} meshes ({few_of([*absent])}) are not there or in none of the formats {', '.join(READ)}; a "
+            f"{len(absent)} meshes ({few_of([PurePosixPath(name).name for name in absent])}) are not there or in none of the formats {', '.join(READ)}; a "
             f"sphere of {float(STAND_IN_M):g} m stands for each"
         ]
         if absent

@@ -101,7 +101,7 @@ def test_a_mesh_that_cannot_be_had_is_replaced_and_said(tmp_path: Path, name: st
     scene = load_scene(written(tmp_path, robot(mesh(name))), end_effector="tool0")
     assert scene.model.geom_size[:, 0].tolist() == [0.03, 0.03]
     (remark,) = scene.remarks
-    assert remark.startswith(f"1 meshes ({name}) are not there")
+    assert remark.startswith(f"1 meshes ({Path(name).name}) are not there")
 
 
 def test_a_package_outside_of_the_project_is_not_looked_into(tmp_path: Path) -> None:
