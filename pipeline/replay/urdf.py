@@ -108,14 +108,13 @@ def read_urdf(path: Path) -> Urdf:
         name = names.setdefault(found, f"{len(names)}_{found.stem}{found.suffix.lower()}")
         meshes[name] = found
         mesh.set("filename", name)
-    remarks = (
-        [
-            f"{len(absent)} meshes ({few_of([PurePosixPath(name).name for name in absent])}) are not there or in none of the formats {', '.join(READ)}; a "
-            f"sphere of {float(STAND_IN_M):g} m stands for each"
-        ]
-        if absent
-        else []
-    )
+    remarks = list[str]()
+    if absent:
+        names_of_absent = few_of([PurePosixPath(name).name for name in absent])
+        remarks.append(
+            f"{len(absent)} meshes ({names_of_absent}) are not there or in none of the formats {', '.join(READ)}; a sphere "
+            f"of {float(STAND_IN_M):g} m stands for each"
+        )
     if odd:
         remarks.append(f"the inertia of {few_of(odd)} is none that a body can have, and is left out; paths need none")
     return Urdf(ElementTree.tostring(root, encoding="unicode"), meshes, tuple(remarks))
