@@ -110,9 +110,9 @@ def read_urdf(path: Path) -> Urdf:
         mesh.set("filename", name)
     remarks = list[str]()
     if absent:
-        names_of_absent = few_of([PurePosixPath(name).name for name in absent])
+        few = few_of([PurePosixPath(name).name for name in absent])
         remarks.append(
-            f"{len(absent)} meshes ({names_of_absent}) are not there or in none of the formats {', '.join(READ)}; a sphere "
+            f"{len(absent)} meshes ({few}) are not there or in none of the formats {', '.join(READ)}; a sphere "
             f"of {float(STAND_IN_M):g} m stands for each"
         )
     if odd:
