@@ -235,7 +235,7 @@ def _skeleton(
         "scene": project.named(wishes.scene),
         "end_effector": scene.end_effector,
         "joints": list(scene.joints),
-        **({"joint_names": dict(names)} if names else {}),
+        "joint_names": dict(names) or None,
         "surface": surface,
         "collisions": False,
         "recordings": project.named(wishes.recordings),

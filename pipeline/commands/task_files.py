@@ -16,6 +16,7 @@ class DvcFile:
 
     def __init__(self, project: Project) -> None:
         self._before, self._own = project, dict(project.own_tasks)
+        self._states_all = dvc_yaml.states_all(project.params)
         self._parts = dvc_yaml.of_all_tasks(project.params, self._own)
 
     def follow(self) -> str | None:
@@ -29,7 +30,7 @@ class DvcFile:
             return None
         after = Project(self._before.root)
         text = file.read_text(encoding="utf-8")
-        if self._own or after.own_tasks:  # which all stages name
+        if self._own or after.own_tasks or dvc_yaml.states_all(after.params) != self._states_all:  # all stages change
             changed = text == dvc_yaml.dvc_yaml(self._before.params, self._own)
             text = dvc_yaml.dvc_yaml(after.params, after.own_tasks)
         else:

@@ -97,6 +97,9 @@ def _refuse_parallel(thetas: tuple[tuple[float, ...], ...]) -> None:
             )
 
 
+Renamed = Annotated[
+    dict[str, str], BeforeValidator(lambda names: {} if names is None else names), AfterValidator(_frozen)
+]
 JointNames = (
     Annotated[str, Field(min_length=1)]
     | Annotated[tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1), AfterValidator(_distinct)]
@@ -118,7 +121,7 @@ class Task(_Section):
     scene: str
     end_effector: str
     joints: JointNames | None = None
-    joint_names: Annotated[dict[str, str], AfterValidator(_frozen)] = Field(default_factory=dict, validate_default=True)
+    joint_names: Renamed = Field(default_factory=dict, validate_default=True)
     surface: str | None
     collisions: StrictBool = False
     recordings: str

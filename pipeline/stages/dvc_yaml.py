@@ -123,7 +123,7 @@ def _stage(stage: Stage, params: Params, own: Mapping[str, str]) -> str:
         [
             f"  {stage.name}:\n" + (f"    foreach: {foreach}\n    do:\n" if foreach else ""),
             f"{indent}cmd: lessbench {stage.command}{f' {key}' if foreach else ''}\n",
-            _listed(indent, "params", _in_files(stage, _for(watched(stage.parameters), key), own)),
+            _listed(indent, "params", _in_files(stage, _for(watched(stage.parameters, params), key), own)),
             _listed(indent, "deps", [*_named(stage, params), *inputs, *tables, *schemas, *code_of(stage.module)]),
             _listed(indent, "outs", made, KEPT),
             _listed(indent, "metrics", _for(stage.metrics, key), KEPT),
@@ -131,11 +131,19 @@ def _stage(stage: Stage, params: Params, own: Mapping[str, str]) -> str:
     )
 
 
-def watched(paths: Sequence[str]) -> list[str]:
-    """The parameters that DVC waits for: those of a stage, and in place of any that may be left out what holds them."""
-    whole = {path.rpartition(".")[0] for path in paths if path in OPTIONAL}
+def watched(paths: Sequence[str], params: Params) -> list[str]:
+    """The parameters that DVC waits for: those of a stage, and, if a task leaves some out, the task that holds them."""
+    optional = [path for path in paths if path in OPTIONAL]
+    if all(path.rpartition(".")[2] in task.model_fields_set for path in optional for task in params.tasks.values()):
+        return list(paths)
+    whole = {path.rpartition(".")[0] for path in optional}
     inside = {path for path in paths for folder in whole if path.startswith(f"{folder}.")}
     return [*whole, *(path for path in paths if path not in inside)]
+
+
+def states_all(params: Params) -> bool:
+    """Whether no task leaves out what it may, so that DVC can wait for each parameter by itself."""
+    return all(watched(stage.parameters, params) == list(stage.parameters) for stage in STAGES)
 
 
 def _in_files(stage: Stage, paths: Sequence[str], own: Mapping[str, str]) -> list[str]:

@@ -226,7 +226,7 @@ STAGES = (
         outputs=("datasets/report.html",),
     ),
 )  # fmt: skip
-# parameters that may be left out; DVC, which cannot wait for what is not there, waits for the whole task instead
+# parameters that may be left out; DVC cannot wait for what is not there, and then waits for the whole task instead
 OPTIONAL = ("tasks.{task}.joints", "tasks.{task}.joint_names")
 # parameters that a stage may read without declaring them, with the reason why that changes no result
 UNDECLARED = {
