@@ -1,1 +1,1 @@
-"""Commands that are not stages: check, new_task, recover, remove_task, run, serve, sql, study, verify, watch."""
+"""What is no stage: check, new_task, recover, remove_task, run, serve, sql, study, verify, watch."""
