@@ -266,7 +266,7 @@ def read_setting(project: Project, name: str) -> Setting:
         waypoints=waypoints,
         drawn=AlternativeSet((WORKING,), tuple(some["sampler"]), paths, log_weights, shown=True),
         feature_set=bind_features(scene, {feature: task.features[feature] for feature in names}),
-        thetas=infer.hypotheses(task, project.params.infer, names),
+        thetas=infer.hypotheses(task, project.params.infer, names, tuple(scales["direction"])),
         betas=np.array(project.params.infer.betas),
         sources=sources,
     )

@@ -71,6 +71,9 @@ def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
 
 Spec = Annotated[dict[str, str | float | int | bool], AfterValidator(_frozen)]
 Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)]
+ThetaValues = Annotated[
+    dict[Name, Annotated[tuple[Finite, ...], Field(min_length=1)]], Field(min_length=1), AfterValidator(_frozen)
+]
 Weights = Annotated[dict[Name, Finite], Field(min_length=1), AfterValidator(_frozen)]
 
 
@@ -104,7 +107,8 @@ class _Section(BaseModel):
 class Task(_Section):
     """One task: a scene, where its recordings are, and what may matter in it.
 
-    `features` are what the robot looks at; `preferences`, features too, are what paths are planned for.
+    `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `thetas` are
+    `grid`, or the values of theta for some features in a grid (negative: a cost, positive: a wish), or weight vectors.
     """
 
     scene: str
@@ -115,7 +119,7 @@ class Task(_Section):
     anchor: AnchorWord
     features: Specs
     preferences: Specs
-    thetas: Literal["grid"] | tuple[tuple[Finite, ...], ...]
+    thetas: Literal["grid"] | ThetaValues | tuple[tuple[Finite, ...], ...]
 
     @field_validator("features")
     @classmethod
@@ -134,7 +138,15 @@ class Task(_Section):
 
     @model_validator(mode="after")
     def _theta_lengths(self) -> Task:
-        if self.thetas != "grid":
+        if isinstance(self.thetas, Mapping):
+            for name, values in self.thetas.items():
+                if name not in self.features:
+                    raise ValueError(
+                        f"thetas names {name!r}, which is no feature of the task; there are {one_of(self.features)}"
+                    )
+                if len(set(values)) != len(values):
+                    raise ValueError(f"thetas.{name} lists a value twice; list each once")
+        elif self.thetas != "grid":
             if not self.thetas:
                 raise ValueError("thetas holds no weight vector; give `grid` or at least one list of numbers")
             for row, theta in enumerate(self.thetas):

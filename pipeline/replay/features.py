@@ -23,6 +23,7 @@ from pipeline.errors import ArgumentError, ParameterError, SceneError, StageErro
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene
 from pipeline.trajectories import measures
+from pipeline.vocabulary import COST, DIRECTIONS, OVER_TIME, SUM
 
 Evaluate = Callable[..., FloatArray]
 Unit = str | Callable[[Scene], str]
@@ -30,31 +31,46 @@ Unit = str | Callable[[Scene], str]
 
 @dataclass(frozen=True)
 class Kind:
-    """A registered kind of feature: its function and its unit, which may depend on the scene's joints."""
+    """A registered kind of feature.
+
+    Attributes:
+        name: what params.yaml calls it.
+        unit: of its numbers, which may depend on the scene's joints.
+        evaluate: its function.
+        direction: one of `DIRECTIONS`: whether people are taken to want little of it, much, or either.
+        over_time: one of `OVER_TIME`: how one number comes of a whole trajectory.
+    """
 
     name: str
     unit: Unit
     evaluate: Evaluate
+    direction: str = COST
+    over_time: str = SUM
 
 
 KINDS: dict[str, Kind] = {}
 
 
-def feature(name: str, *, unit: Unit) -> Callable[[Evaluate], Evaluate]:
+def feature(name: str, *, unit: Unit, direction: str = COST, over_time: str = SUM) -> Callable[[Evaluate], Evaluate]:
     """Register a kind of feature.
 
     Args:
         name: what params.yaml calls it under `kind`.
         unit: of the numbers returned; a function of the scene where it depends on the joints.
+        direction: `cost` if people are taken to want little of it, `wish` if much, `either` if that is to be found out.
+        over_time: how one number comes of a trajectory: `sum`, `mean`, `least` or `greatest` of its waypoints.
 
     Raises:
-        ArgumentError: the name is taken.
+        ArgumentError: the name is taken, or a word is none of these.
     """
+    for argument, word, allowed in (("direction", direction, DIRECTIONS), ("over_time", over_time, OVER_TIME)):
+        if word not in allowed:
+            raise ArgumentError(f"feature kind {name!r}: {argument} is {word!r}; allowed are {one_of(allowed)}.")
 
     def register(function: Evaluate) -> Evaluate:
         if name in KINDS:
             raise ArgumentError(f"feature kind {name!r} is registered already; taken are {one_of(KINDS)}.")
-        KINDS[name] = Kind(name, unit, function)
+        KINDS[name] = Kind(name, unit, function, direction, over_time)
         return function
 
     return register
@@ -103,11 +119,15 @@ class FeatureSet:
         scene: what they are evaluated in.
         names: F names, the columns of a feature table.
         units: F units, such as "m".
+        directions: F words of `DIRECTIONS`.
+        over_time: F words of `OVER_TIME`.
     """
 
     scene: Scene
     names: tuple[str, ...]
     units: tuple[str, ...]
+    directions: tuple[str, ...]
+    over_time: tuple[str, ...]
     _functions: tuple[Callable[[Motion], FloatArray], ...]
 
     def evaluate(self, waypoints: FloatArray) -> FloatArray:
@@ -169,7 +189,10 @@ def bind_features(scene: Scene, specs: Mapping[str, Mapping[str, object]], secti
         raise ParameterError(f"{section} is empty; name at least one.")
     bound = [_bind(f"{section}.{name}", specs[name]) for name in specs]
     units = [kind.unit if isinstance(kind.unit, str) else kind.unit(scene) for kind, _ in bound]
-    features = FeatureSet(scene, tuple(specs), tuple(units), tuple(function for _, function in bound))
+    features = FeatureSet(
+        scene, tuple(specs), tuple(units), tuple(kind.direction for kind, _ in bound),
+        tuple(kind.over_time for kind, _ in bound), tuple(function for _, function in bound),
+    )  # fmt: skip
     _try_out(features, section)
     return features
 

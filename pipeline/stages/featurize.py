@@ -76,7 +76,15 @@ def run(project: Project, name: str) -> None:
                 writer.write(pl.concat([*before, *islice(done, len(part))], how="diagonal"))
                 before = []
         kinds = [str(task.features[feature]["kind"]) for feature in features.names]
-        units = pl.DataFrame({"feature": features.names, "kind": kinds, "unit": features.units})
+        units = pl.DataFrame(
+            {
+                "feature": features.names,
+                "kind": kinds,
+                "unit": features.units,
+                "direction": features.directions,
+                "over_time": features.over_time,
+            }
+        )
         write_table(project.table(name, "feature_units"), "feature_units", units, stated)
         count = demonstrations.height + alternatives.rows
         record.produced = f"{count:,} trajectories x {len(features.names)} features"

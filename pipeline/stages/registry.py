@@ -125,7 +125,7 @@ STAGES = (
         "infer", Scope.TASK, "infer", "pipeline.stages.infer",
         parameters=("tasks.{task}.thetas", "infer", "compute.partition"),
         reads=("demonstrations", "features", "scales", "densities"),
-        makes=("posteriors", "held_out", "support"),
+        makes=("posteriors", "held_out", "support", "fits"),
     ),
     Stage(
         "shift", Scope.TASK, "shift", "pipeline.stages.shift",
@@ -159,7 +159,7 @@ STAGES = (
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",
             "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
-            "sensitivity_summary", "duplicates_summary",
+            "sensitivity_summary", "duplicates_summary", "fits",
         ),
         outputs=("datasets/{task}/figures",),
         metrics=("datasets/{task}/metrics.json",),
@@ -171,6 +171,7 @@ STAGES = (
         ),
         reads=(
             "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
+            "fits",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/inspect.rrd",),

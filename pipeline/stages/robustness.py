@@ -82,7 +82,7 @@ def _tables(
             INDEPENDENT: _choice_sets(alternatives, features.names, scale),
             SAMPLER_SHIFT: _choice_sets(shifted, features.names, scale),
         },
-        hypotheses(task, project.params.infer, features.names),
+        hypotheses(task, project.params.infer, features.names, features.directions),
         np.array(project.params.infer.betas),
     )
     watched = [
