@@ -1,12 +1,4 @@
-"""The kinds of features a task can name, and their evaluation over many trajectories in one replay.
-
-A kind is a function from a Motion to one number per trajectory, with a unit; its keyword arguments are what params.yaml
-gives beside `kind`, annotated as str, float, int or bool. Registering one is all it takes:
-
-    @feature("clearance", unit="m")
-    def clearance(motion: Motion, *, over: str) -> FloatArray:
-        return (motion.end_effector - motion.position(over))[..., 2].min(axis=1)
-"""
+"""The features that a task names, bound to its scene and evaluated over many trajectories in one replay."""
 
 from __future__ import annotations
 
@@ -18,97 +10,16 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
+import pipeline.replay.kinds.of_motion
+import pipeline.replay.kinds.summed  # noqa: F401  # they register what they define
 from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError, ParameterError, SceneError, StageError, one_of
+from pipeline.replay.kinds.register import KINDS, Kind, feature
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene
-from pipeline.trajectories import measures
-from pipeline.vocabulary import COST, DIRECTIONS, OVER_TIME, SUM
 
-Evaluate = Callable[..., FloatArray]
-Unit = str | Callable[[Scene], str]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A registered kind of feature.
-
-    Attributes:
-        name: what params.yaml calls it.
-        unit: of its numbers, which may depend on the scene's joints.
-        evaluate: its function.
-        direction: one of `DIRECTIONS`: whether people are taken to want little of it, much, or either.
-        over_time: one of `OVER_TIME`: how one number comes of a whole trajectory.
-    """
-
-    name: str
-    unit: Unit
-    evaluate: Evaluate
-    direction: str = COST
-    over_time: str = SUM
-
-
-KINDS: dict[str, Kind] = {}
-
-
-def feature(name: str, *, unit: Unit, direction: str = COST, over_time: str = SUM) -> Callable[[Evaluate], Evaluate]:
-    """Register a kind of feature.
-
-    Args:
-        name: what params.yaml calls it under `kind`.
-        unit: of the numbers returned; a function of the scene where it depends on the joints.
-        direction: `cost` if people are taken to want little of it, `wish` if much, `either` if that is to be found out.
-        over_time: how one number comes of a trajectory: `sum`, `mean`, `least` or `greatest` of its waypoints.
-
-    Raises:
-        ArgumentError: the name is taken, or a word is none of these.
-    """
-    for argument, word, allowed in (("direction", direction, DIRECTIONS), ("over_time", over_time, OVER_TIME)):
-        if word not in allowed:
-            raise ArgumentError(f"feature kind {name!r}: {argument} is {word!r}; allowed are {one_of(allowed)}.")
-
-    def register(function: Evaluate) -> Evaluate:
-        if name in KINDS:
-            raise ArgumentError(f"feature kind {name!r} is registered already; taken are {one_of(KINDS)}.")
-        KINDS[name] = Kind(name, unit, function, direction, over_time)
-        return function
-
-    return register
-
-
-def _squared_joint_unit(scene: Scene) -> str:
-    units = {"m^2" if slides else "rad^2" for slides in scene.slides}
-    return " + ".join(sorted(units))
-
-
-@feature("efficiency", unit=_squared_joint_unit)
-def efficiency(motion: Motion) -> FloatArray:
-    """Squared joint steps, summed: small for short and even paths."""
-    return measures.squared_steps(motion.waypoints)
-
-
-@feature("height", unit="m")
-def height(motion: Motion, *, above: str = "world") -> FloatArray:
-    """Height of the end effector over the origin of a body or site, summed over waypoints."""
-    return measures.summed_height(motion.end_effector[..., 2] - motion.position(above)[..., 2])
-
-
-@feature("proximity", unit="m")
-def proximity(motion: Motion, *, object: str, radius_m: float = 0.4) -> FloatArray:
-    """How far the end effector is inside a vertical cylinder around a body or site, summed over waypoints."""
-    return measures.summed_closeness(motion.end_effector, motion.position(object), radius_m)
-
-
-@feature("path_length", unit="m")
-def path_length(motion: Motion) -> FloatArray:
-    """Distance the end effector travels."""
-    return measures.path_lengths(motion.end_effector)
-
-
-@feature("tilt", unit="rad")
-def tilt(motion: Motion, *, body: str) -> FloatArray:
-    """Angle between a body's z axis and the vertical, summed over waypoints: 0 for a mug that stays upright."""
-    return measures.summed_tilt(motion.rotation(body)[..., 2])
+_TRIED = 4  # waypoints of the trajectory at rest: no kind needs more
+__all__ = ["KINDS", "FeatureSet", "bind_features", "feature"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +143,7 @@ def _typed(path: str, value: object, wanted: Any) -> object:
 
 def _try_out(features: FeatureSet, section: str) -> None:
     """Evaluate each feature at rest: unknown names and values out of range show before any work is done."""
-    rest = np.tile(features.scene.home[features.scene.qpos_addresses], (1, 2, 1))
+    rest = np.tile(features.scene.home[features.scene.qpos_addresses], (1, _TRIED, 1))
     (motion,) = replay(features.scene, rest)
     for name, function in zip(features.names, features._functions, strict=True):
         try:

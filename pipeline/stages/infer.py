@@ -20,9 +20,8 @@ from pipeline.formats.parquet.tables import table_writer, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Infer, Task
 from pipeline.stages.registry import parameters
-from pipeline.studies.fits import chance_notes, fit_rows
-from pipeline.studies.posteriors import PART_ROWS, groups_of, held_out_rows, posterior_parts
-from pipeline.studies.support import at_edge, beyond, support_rows
+from pipeline.studies.posteriors import PART_ROWS, fit_rows, groups_of, held_out_rows, posterior_parts
+from pipeline.studies.support import at_edge, beyond, chance_notes, support_rows
 from pipeline.vocabulary import DIRECTIONS, WORKING, model_name
 from pipeline.workspace.compute.executor import Workers, workers
 from pipeline.workspace.compute.likelihoods import Question, likelihoods

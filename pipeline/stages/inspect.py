@@ -16,7 +16,7 @@ from pipeline.params import Task
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene
-from pipeline.studies.fits import chance_notes
+from pipeline.studies.support import chance_notes
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.headline import in_words
 from pipeline.views.rerun.recording import write_inspection

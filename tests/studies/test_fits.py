@@ -7,10 +7,11 @@ import pytest
 from scipy.stats import chi2
 
 from pipeline.choice import Boltzmann, log_likelihood
+from pipeline.choice.chance import needed_gain
 from pipeline.params import parse
 from pipeline.stages.infer import hypotheses
-from pipeline.studies.fits import chance_notes, fit_rows, needed_gain
-from pipeline.studies.posteriors import Group
+from pipeline.studies.posteriors import Group, fit_rows
+from pipeline.studies.support import chance_notes
 from tests.support.gantry_project import PARAMETERS
 
 ABOUT = {"task": "sweep", "model": "less"}

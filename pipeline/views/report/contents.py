@@ -13,8 +13,7 @@ import polars as pl
 from pipeline import params
 from pipeline.formats.duckdb.questions import CONTENTS, ask
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
-from pipeline.studies.fits import chance_notes
-from pipeline.studies.support import beyond, edge_sentence
+from pipeline.studies.support import beyond, chance_notes, edge_sentence
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
 from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
