@@ -71,6 +71,7 @@ def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
 
 Spec = Annotated[dict[str, str | float | int | bool], AfterValidator(_frozen)]
 Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)]
+FeaturePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_./-]+\.py$")]  # as it stands in dvc.yaml
 ThetaValues = Annotated[
     dict[Name, Annotated[tuple[Finite, ...], Field(min_length=1)]], Field(min_length=1), AfterValidator(_frozen)
 ]
@@ -107,7 +108,8 @@ class _Section(BaseModel):
 class Task(_Section):
     """One task: a scene, where its recordings are, and what may matter in it.
 
-    `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `thetas` are
+    `features` are what the robot looks at; `preferences`, features too, are what paths are planned for.
+    `feature_files` define further kinds. `thetas` are
     `grid`, or the values of theta for some features in a grid (negative: a cost, positive: a wish), or weight vectors.
     """
 
@@ -119,6 +121,7 @@ class Task(_Section):
     anchor: AnchorWord
     features: Specs
     preferences: Specs
+    feature_files: tuple[FeaturePath, ...] = ()
     thetas: Literal["grid"] | ThetaValues | tuple[tuple[Finite, ...], ...]
 
     @field_validator("features")

@@ -13,7 +13,8 @@ import numpy as np
 import pipeline.replay.kinds.of_motion
 import pipeline.replay.kinds.summed  # noqa: F401  # they register what they define
 from pipeline.arrays import FloatArray
-from pipeline.errors import ArgumentError, ParameterError, SceneError, StageError, one_of
+from pipeline.errors import ArgumentError, ParameterError, SceneError, StageError, WorkbenchError, one_of
+from pipeline.replay.kinds.own import installed_kind, installed_names
 from pipeline.replay.kinds.register import KINDS, Kind, feature
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene
@@ -64,8 +65,19 @@ class FeatureSet:
         """All features of the n trajectories of one replay, (n, F); errors as in `evaluate`."""
         values = np.empty((len(motion.waypoints), len(self.names)))
         for column, (name, function) in enumerate(zip(self.names, self._functions, strict=True)):
-            values[:, column] = self._checked(name, function(motion), motion)
+            values[:, column] = self._checked(name, self._computed(name, function, motion), motion)
         return values
+
+    def _computed(self, name: str, function: Callable[[Motion], FloatArray], motion: Motion) -> FloatArray:
+        try:
+            return function(motion)
+        except WorkbenchError:
+            raise
+        except Exception as error:  # of a kind that somebody else wrote
+            raise StageError(
+                f"feature {name!r} cannot be computed, as its kind fails with {type(error).__name__}: {error}; mend "
+                "that kind."
+            ) from error
 
     def _checked(self, name: str, result: FloatArray, motion: Motion) -> FloatArray:
         result = np.asarray(result)
@@ -110,9 +122,11 @@ def bind_features(scene: Scene, specs: Mapping[str, Mapping[str, object]], secti
 
 def _bind(path: str, spec: Mapping[str, object]) -> tuple[Kind, Callable[[Motion], FloatArray]]:
     arguments = dict(spec)
-    kind = KINDS.get(str(arguments.pop("kind", None)))
+    name = str(arguments.pop("kind", None))
+    kind = KINDS.get(name) or installed_kind(name)
     if kind is None:
-        raise ParameterError(f"{path}.kind is {spec.get('kind')!r}; allowed are {one_of(KINDS)}.")
+        allowed_kinds = one_of({*KINDS, *installed_names()})
+        raise ParameterError(f"{path}.kind is {spec.get('kind')!r}; allowed are {allowed_kinds}.")
     allowed = {
         parameter.name: parameter
         for parameter in inspect.signature(kind.evaluate).parameters.values()
@@ -147,7 +161,7 @@ def _try_out(features: FeatureSet, section: str) -> None:
     (motion,) = replay(features.scene, rest)
     for name, function in zip(features.names, features._functions, strict=True):
         try:
-            features._checked(name, function(motion), motion)
+            features._checked(name, features._computed(name, function, motion), motion)
         except ArgumentError as error:
             raise ParameterError(f"{section}.{name}: {error}") from error
         except SceneError as error:

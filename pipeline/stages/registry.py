@@ -42,6 +42,7 @@ class Stage:
         makes: tables, in the order in which they are documented.
         outputs: other files and folders that it writes.
         metrics: files of headline numbers that it writes, for `dvc metrics`.
+        features: whether it evaluates features, so that the feature files of the tasks are part of its code.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Stage:
     makes: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     metrics: tuple[str, ...] = ()
+    features: bool = False
 
     @property
     def per_task(self) -> bool:
@@ -85,6 +87,7 @@ STAGES = (
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/recordings",),
+        features=True,
     ),
     Stage(
         "ingest", Scope.TASK, "ingest", "pipeline.stages.ingest",
@@ -107,6 +110,7 @@ STAGES = (
         reads=("demonstrations",),
         inputs=(SCENE,),
         makes=("alternatives", "sampling"),
+        features=True,
     ),
     Stage(
         "featurize", Scope.TASK, "featurize", "pipeline.stages.featurize",
@@ -114,6 +118,7 @@ STAGES = (
         reads=("demonstrations", "alternatives"),
         inputs=(SCENE,),
         makes=("features", "feature_units"),
+        features=True,
     ),
     Stage(
         "density", Scope.TASK, "density", "pipeline.stages.density",
@@ -138,6 +143,7 @@ STAGES = (
         reads=("demonstrations",),
         inputs=(SCENE,),
         makes=("shifted_alternatives", "shifted_sampling"),
+        features=True,
     ),
     Stage(
         "robustness", Scope.TASK, "study robustness", "pipeline.stages.robustness",
@@ -153,6 +159,7 @@ STAGES = (
             "robustness_anova", "robustness_post_hoc", "sensitivity", "sensitivity_summary", "duplicates",
             "duplicates_summary",
         ),
+        features=True,
     ),
     Stage(
         "figures", Scope.TASK, "figures", "pipeline.stages.figures",
@@ -228,6 +235,7 @@ STAGES = (
 # parameters that a stage may read without declaring them, with the reason why that changes no result
 UNDECLARED = {
     "tasks.{task}.scene": "the stage `scene` alone follows it; the others depend on scene.json, which changes with it",
+    "tasks.{task}.feature_files": "stages depend on the files themselves; older parameters do not name any",
 }
 
 

@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from pipeline.params import Task
+from pipeline.replay.kinds.own import FeatureFile, register_kinds, registered
 from pipeline.replay.scene import Scene, load_scene, scene_files
 from pipeline.workspace.project import Project
 
@@ -20,11 +21,13 @@ class SceneFile:
         path: the MJCF file, where every worker can read it.
         end_effector: body or site whose path matters.
         content: SHA-256 over the file and those it includes, so that a changed scene is loaded again.
+        kinds: feature files that define kinds of features; all that the process has run which made this.
     """
 
     path: Path
     end_effector: str
     content: str
+    kinds: tuple[FeatureFile, ...] = ()
 
 
 def load_task_scene(project: Project, task: Task) -> Scene:
@@ -41,10 +44,11 @@ def scene_file(scene: Scene) -> SceneFile:
     digest = hashlib.sha256()
     for path in scene_files(scene.path):
         digest.update(path.read_bytes())
-    return SceneFile(scene.path, scene.end_effector, digest.hexdigest())
+    return SceneFile(scene.path, scene.end_effector, digest.hexdigest(), registered())
 
 
 @lru_cache(maxsize=4)
 def loaded(file: SceneFile) -> Scene:
-    """The scene of a file."""
+    """The scene of a file; the kinds of features that go with it are registered."""
+    register_kinds(file.kinds)
     return load_scene(file.path, end_effector=file.end_effector)
