@@ -47,6 +47,16 @@ SINGLE, BATCH = "single", "batch"
 
 KINDS: Mapping[str, str] = {SINGLE: "single demonstrations", BATCH: "all together"}
 
+# What people are taken to want of a feature, unless the task's `thetas` say otherwise.
+COST, WISH, EITHER = "cost", "wish", "either"
+
+DIRECTIONS: Mapping[str, tuple[int, ...]] = {COST: (-1,), WISH: (1,), EITHER: (-1, 1)}
+"""The signs that the weight of a feature may have: less of a cost is better, more of a wish."""
+
+# How a feature makes one number of a whole trajectory.
+SUM, MEAN, LEAST, GREATEST = "sum", "mean", "least", "greatest"
+OVER_TIME = (SUM, MEAN, LEAST, GREATEST)
+
 # Samplers of alternatives.
 DEFORMATION, VIA_POINT, PLANNER, MIXTURE, GIVEN = "deformation", "via-point", "planner", "mixture", "given"
 

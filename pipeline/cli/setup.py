@@ -174,6 +174,27 @@ def inspect_project(
 
 
 @commands.command(rich_help_panel=SETUP)
+def trust(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A project whose feature files you have read.")],
+) -> None:
+    """Let the feature files of a project run, as they are now; nothing of them is run by this.
+
+    It is remembered outside of the project, for this folder, and ends for a file that changes.
+
+    Example: `lessbench trust .`, after `lessbench inspect-project .`.
+    """
+    from pipeline.errors import ParameterError
+    from pipeline.params import FILE
+    from pipeline.workspace.project import Project
+    from pipeline.workspace.trust import trust
+
+    if not (folder / FILE).is_file():
+        raise ParameterError(f"{folder}: is no project, as it has no {FILE}; name the folder of one")
+    for line in trust(Project(folder.resolve())):
+        say(plain(line, LONGEST_MESSAGE))
+
+
+@commands.command(rich_help_panel=SETUP)
 def recover() -> None:
     """After DVC itself was killed: mend its own files, which it writes in place. Also lets DVC work without git.
 

@@ -224,8 +224,10 @@ def _look_at_parameters(path: Path, shown: str, found: Inspection) -> None:
 
 
 def _look_at_names(document: object, shown: str, found: Inspection) -> None:
-    """Files and addresses elsewhere that a document names."""
+    """Feature files, and files and addresses elsewhere, that a document names."""
     for place, text in _texts(document):
+        if re.sub(r"[.]\d+$", "", place).rpartition(".")[2] == "feature_files":
+            found.add(RUNS, shown, f"{place} names the feature file {text}, which runs once you `lessbench trust` it")
         if text.startswith(("tcp://", "tls://")):
             found.add(LEADS_OUT, shown, f"{place} names the address {text}")
         elif re.sub(r"[.]\d+$", "", place).rpartition(".")[2] in _NAME_FILES and _leads_out(text):

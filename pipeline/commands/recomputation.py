@@ -20,6 +20,7 @@ from pipeline.replay.features import bind_features
 from pipeline.vocabulary import ALL, TASK_ANCHOR
 from pipeline.workspace.project import Project
 from pipeline.workspace.scenes import load_task_scene
+from pipeline.workspace.trust import register_task_kinds
 
 TOLERANCE = 1e-9  # of a replayed value, relative to the largest of its kind: other processors round otherwise
 DENSITY_TOLERANCE = 1e-6  # of a log density: large sets are summed to a stated error
@@ -56,6 +57,7 @@ def replay_trajectories(task: Recomputation, name: str, sample: int, rng: np.ran
         WorkbenchError: a table cannot be read, or does not fit the others.
     """
     settings, tables, count = task.project.params.task(name), task.tables, 0
+    register_task_kinds(task.project, settings)
     features = bind_features(load_task_scene(task.project, settings), settings.features)
     path = task.shown("features")
     for kind, source in (("demonstration", tables["demonstrations"]), ("alternative", tables["alternatives"])):

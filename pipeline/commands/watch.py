@@ -49,6 +49,7 @@ from pipeline.vocabulary import TASK_ANCHOR, WORKING, model_name
 from pipeline.workspace.demonstrations import LONGEST_NAME, Intake, demonstration
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
+from pipeline.workspace.trust import register_task_kinds
 
 if TYPE_CHECKING:
     from pipeline.views.rerun.server import Address
@@ -249,6 +250,7 @@ def read_setting(project: Project, name: str) -> Setting:
             )
         some = _some(project, both)
         waypoints = read_waypoints(tables["alternatives"], some["alternative_id"])
+    register_task_kinds(project, task)
     intake = Intake.of(project, name)
     scene = intake.scene
     paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
@@ -266,7 +268,7 @@ def read_setting(project: Project, name: str) -> Setting:
         waypoints=waypoints,
         drawn=AlternativeSet((WORKING,), tuple(some["sampler"]), paths, log_weights, shown=True),
         feature_set=bind_features(scene, {feature: task.features[feature] for feature in names}),
-        thetas=infer.hypotheses(task, project.params.infer, names),
+        thetas=infer.hypotheses(task, project.params.infer, names, tuple(scales["direction"])),
         betas=np.array(project.params.infer.betas),
         sources=sources,
     )

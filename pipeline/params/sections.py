@@ -71,6 +71,10 @@ def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
 
 Spec = Annotated[dict[str, str | float | int | bool], AfterValidator(_frozen)]
 Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)]
+FeaturePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_./-]+\.py$")]  # as it stands in dvc.yaml
+ThetaValues = Annotated[
+    dict[Name, Annotated[tuple[Finite, ...], Field(min_length=1)]], Field(min_length=1), AfterValidator(_frozen)
+]
 Weights = Annotated[dict[Name, Finite], Field(min_length=1), AfterValidator(_frozen)]
 
 
@@ -115,7 +119,9 @@ class Task(_Section):
 
     `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `joints` are
     those of the arm, or a body whose subtree has them; None: those that carry the end effector. `joint_names` gives the
-    joints of the recordings the names that the scene has for them.
+    joints of the recordings the names that the scene has for them. `feature_files` define further kinds of features.
+    `thetas` are `grid`, or the values of theta for some features in a grid (negative: a cost, positive: a wish), or
+    weight vectors.
     """
 
     scene: str
@@ -128,7 +134,8 @@ class Task(_Section):
     anchor: AnchorWord
     features: Specs
     preferences: Specs
-    thetas: Literal["grid"] | tuple[tuple[Finite, ...], ...]
+    feature_files: tuple[FeaturePath, ...] = ()
+    thetas: Literal["grid"] | ThetaValues | tuple[tuple[Finite, ...], ...]
 
     @field_validator("features")
     @classmethod
@@ -157,7 +164,15 @@ class Task(_Section):
 
     @model_validator(mode="after")
     def _theta_lengths(self) -> Task:
-        if self.thetas != "grid":
+        if isinstance(self.thetas, Mapping):
+            for name, values in self.thetas.items():
+                if name not in self.features:
+                    raise ValueError(
+                        f"thetas names {name!r}, which is no feature of the task; there are {one_of(self.features)}"
+                    )
+                if len(set(values)) != len(values):
+                    raise ValueError(f"thetas.{name} lists a value twice; list each once")
+        elif self.thetas != "grid":
             if not self.thetas:
                 raise ValueError("thetas holds no weight vector; give `grid` or at least one list of numbers")
             for row, theta in enumerate(self.thetas):

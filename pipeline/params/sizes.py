@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import prod
 
 from pipeline.errors import ParameterError
 from pipeline.params.sections import Params
@@ -39,7 +40,11 @@ def _asked(params: Params) -> Iterator[tuple[str, int, int, str]]:
     sets = sample.sets * len(sample.sizes) + 1
     for name, task in params.tasks.items():
         features = len(task.features)
-        thetas = len(task.thetas) if task.thetas != "grid" else len(infer.theta_values) ** features
+        if isinstance(task.thetas, tuple):
+            thetas = len(task.thetas)
+        else:
+            own = {} if task.thetas == "grid" else task.thetas
+            thetas = prod(len(own.get(feature, infer.theta_values)) for feature in task.features)
         fewer = f"list fewer infer.theta_values or features of tasks.{name}, or give tasks.{name}.thetas"
         yield "weight vectors", thetas, features * _NUMBER, fewer
         rows = thetas * len(infer.betas) * len(infer.models) * sets

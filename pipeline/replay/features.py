@@ -1,12 +1,4 @@
-"""The kinds of features a task can name, and their evaluation over many trajectories in one replay.
-
-A kind is a function from a Motion to one number per trajectory, with a unit; its keyword arguments are what params.yaml
-gives beside `kind`, annotated as str, float, int or bool. Registering one is all it takes:
-
-    @feature("clearance", unit="m")
-    def clearance(motion: Motion, *, over: str) -> FloatArray:
-        return (motion.end_effector - motion.position(over))[..., 2].min(axis=1)
-"""
+"""The features that a task names, bound to its scene and evaluated over many trajectories in one replay."""
 
 from __future__ import annotations
 
@@ -18,81 +10,17 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
+import pipeline.replay.kinds.of_motion
+import pipeline.replay.kinds.summed  # noqa: F401  # they register what they define
 from pipeline.arrays import FloatArray
-from pipeline.errors import ArgumentError, ParameterError, SceneError, StageError, one_of
+from pipeline.errors import ArgumentError, ParameterError, SceneError, StageError, WorkbenchError, one_of
+from pipeline.replay.kinds.own import installed_kind, installed_names
+from pipeline.replay.kinds.register import KINDS, Kind, feature
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene
-from pipeline.trajectories import measures
 
-Evaluate = Callable[..., FloatArray]
-Unit = str | Callable[[Scene], str]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A registered kind of feature: its function and its unit, which may depend on the scene's joints."""
-
-    name: str
-    unit: Unit
-    evaluate: Evaluate
-
-
-KINDS: dict[str, Kind] = {}
-
-
-def feature(name: str, *, unit: Unit) -> Callable[[Evaluate], Evaluate]:
-    """Register a kind of feature.
-
-    Args:
-        name: what params.yaml calls it under `kind`.
-        unit: of the numbers returned; a function of the scene where it depends on the joints.
-
-    Raises:
-        ArgumentError: the name is taken.
-    """
-
-    def register(function: Evaluate) -> Evaluate:
-        if name in KINDS:
-            raise ArgumentError(f"feature kind {name!r} is registered already; taken are {one_of(KINDS)}.")
-        KINDS[name] = Kind(name, unit, function)
-        return function
-
-    return register
-
-
-def _squared_joint_unit(scene: Scene) -> str:
-    units = {"m^2" if slides else "rad^2" for slides in scene.slides}
-    return " + ".join(sorted(units))
-
-
-@feature("efficiency", unit=_squared_joint_unit)
-def efficiency(motion: Motion) -> FloatArray:
-    """Squared joint steps, summed: small for short and even paths."""
-    return measures.squared_steps(motion.waypoints)
-
-
-@feature("height", unit="m")
-def height(motion: Motion, *, above: str = "world") -> FloatArray:
-    """Height of the end effector over the origin of a body or site, summed over waypoints."""
-    return measures.summed_height(motion.end_effector[..., 2] - motion.position(above)[..., 2])
-
-
-@feature("proximity", unit="m")
-def proximity(motion: Motion, *, object: str, radius_m: float = 0.4) -> FloatArray:
-    """How far the end effector is inside a vertical cylinder around a body or site, summed over waypoints."""
-    return measures.summed_closeness(motion.end_effector, motion.position(object), radius_m)
-
-
-@feature("path_length", unit="m")
-def path_length(motion: Motion) -> FloatArray:
-    """Distance the end effector travels."""
-    return measures.path_lengths(motion.end_effector)
-
-
-@feature("tilt", unit="rad")
-def tilt(motion: Motion, *, body: str) -> FloatArray:
-    """Angle between a body's z axis and the vertical, summed over waypoints: 0 for a mug that stays upright."""
-    return measures.summed_tilt(motion.rotation(body)[..., 2])
+_TRIED = 4  # waypoints of the trajectory at rest: no kind needs more
+__all__ = ["KINDS", "FeatureSet", "bind_features", "feature"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +31,15 @@ class FeatureSet:
         scene: what they are evaluated in.
         names: F names, the columns of a feature table.
         units: F units, such as "m".
+        directions: F words of `DIRECTIONS`.
+        over_time: F words of `OVER_TIME`.
     """
 
     scene: Scene
     names: tuple[str, ...]
     units: tuple[str, ...]
+    directions: tuple[str, ...]
+    over_time: tuple[str, ...]
     _functions: tuple[Callable[[Motion], FloatArray], ...]
 
     def evaluate(self, waypoints: FloatArray) -> FloatArray:
@@ -133,8 +65,19 @@ class FeatureSet:
         """All features of the n trajectories of one replay, (n, F); errors as in `evaluate`."""
         values = np.empty((len(motion.waypoints), len(self.names)))
         for column, (name, function) in enumerate(zip(self.names, self._functions, strict=True)):
-            values[:, column] = self._checked(name, function(motion), motion)
+            values[:, column] = self._checked(name, self._computed(name, function, motion), motion)
         return values
+
+    def _computed(self, name: str, function: Callable[[Motion], FloatArray], motion: Motion) -> FloatArray:
+        try:
+            return function(motion)
+        except WorkbenchError:
+            raise
+        except Exception as error:  # of a kind that somebody else wrote
+            raise StageError(
+                f"feature {name!r} cannot be computed, as its kind fails with {type(error).__name__}: {error}; mend "
+                "that kind."
+            ) from error
 
     def _checked(self, name: str, result: FloatArray, motion: Motion) -> FloatArray:
         result = np.asarray(result)
@@ -169,16 +112,21 @@ def bind_features(scene: Scene, specs: Mapping[str, Mapping[str, object]], secti
         raise ParameterError(f"{section} is empty; name at least one.")
     bound = [_bind(f"{section}.{name}", specs[name]) for name in specs]
     units = [kind.unit if isinstance(kind.unit, str) else kind.unit(scene) for kind, _ in bound]
-    features = FeatureSet(scene, tuple(specs), tuple(units), tuple(function for _, function in bound))
+    features = FeatureSet(
+        scene, tuple(specs), tuple(units), tuple(kind.direction for kind, _ in bound),
+        tuple(kind.over_time for kind, _ in bound), tuple(function for _, function in bound),
+    )  # fmt: skip
     _try_out(features, section)
     return features
 
 
 def _bind(path: str, spec: Mapping[str, object]) -> tuple[Kind, Callable[[Motion], FloatArray]]:
     arguments = dict(spec)
-    kind = KINDS.get(str(arguments.pop("kind", None)))
+    name = str(arguments.pop("kind", None))
+    kind = KINDS.get(name) or installed_kind(name)
     if kind is None:
-        raise ParameterError(f"{path}.kind is {spec.get('kind')!r}; allowed are {one_of(KINDS)}.")
+        allowed_kinds = one_of({*KINDS, *installed_names()})
+        raise ParameterError(f"{path}.kind is {spec.get('kind')!r}; allowed are {allowed_kinds}.")
     allowed = {
         parameter.name: parameter
         for parameter in inspect.signature(kind.evaluate).parameters.values()
@@ -209,11 +157,11 @@ def _typed(path: str, value: object, wanted: Any) -> object:
 
 def _try_out(features: FeatureSet, section: str) -> None:
     """Evaluate each feature at rest: unknown names and values out of range show before any work is done."""
-    rest = np.tile(features.scene.home[features.scene.qpos_addresses], (1, 2, 1))
+    rest = np.tile(features.scene.home[features.scene.qpos_addresses], (1, _TRIED, 1))
     (motion,) = replay(features.scene, rest)
     for name, function in zip(features.names, features._functions, strict=True):
         try:
-            features._checked(name, function(motion), motion)
+            features._checked(name, features._computed(name, function, motion), motion)
         except ArgumentError as error:
             raise ParameterError(f"{section}.{name}: {error}") from error
         except SceneError as error:

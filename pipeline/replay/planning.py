@@ -15,6 +15,7 @@ from pipeline.replay.room import Room
 from pipeline.trajectories.optimise import Assess, Search, optimise_paths, random_weights
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Deformation, Fate
+from pipeline.vocabulary import WISH
 
 POOL = 1000  # trajectories on which the terms of the cost are brought to one scale
 SEARCH = Search(iterations=60)  # closes nine tenths of the gap from the straight path to what a long search finds
@@ -68,11 +69,12 @@ class Planning:
         return np.where(ranges > ROUNDING * np.abs(terms).max(axis=0), ranges, np.inf)
 
     def scaled(self, scales: FloatArray) -> Assess:
-        """`assess` with its terms divided by `scales` (F,)."""
+        """`assess` with its terms divided by `scales` (F,), and negative for wishes, so that less is better of all."""
+        signs = np.where(np.array(self.preferences.directions) == WISH, -1.0, 1.0)
 
         def assess(waypoints: FloatArray) -> tuple[FloatArray, BoolArray]:
             terms, allowed = self.assess(waypoints)
-            return terms / scales, allowed
+            return signs * terms / scales, allowed
 
         return assess
 

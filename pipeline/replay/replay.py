@@ -53,6 +53,56 @@ class Motion:
         axes = self.posed.axes(self.scene.chain.bodies[self.scene.body_id(body)])
         return np.stack([self._shaped(axis) for axis in axes], axis=-1)
 
+    def axes(self, name: str) -> FloatArray:
+        """Orientation of a body or site in the world frame, as `rotation` gives that of a body.
+
+        Raises:
+            SceneError: the scene has no body or site of that name.
+        """
+        return np.stack([self._shaped(axis) for axis in self.posed.axes(self.scene.carried(name))], axis=-1)
+
+    @property
+    def time(self) -> FloatArray:
+        """When each waypoint is passed, (T,): 0 at the first and 1 at the last, evenly spaced.
+
+        Alternatives are paths without a duration, so the duration of a motion is the unit of time here.
+        """
+        return np.linspace(0.0, 1.0, self.waypoints.shape[1])
+
+    @property
+    def joint_velocities(self) -> FloatArray:
+        """(n, T, J) rad or m in the time of the motion, by central differences, one-sided at the ends.
+
+        Raises:
+            ArgumentError: there is a single waypoint.
+        """
+        return self._rate(self.waypoints)
+
+    def velocity(self, name: str) -> FloatArray:
+        """Velocity of the origin of a body or site, (n, T, 3) m in the time of the motion, as in `joint_velocities`.
+
+        Raises:
+            ArgumentError: there is a single waypoint.
+            SceneError: the scene has no body or site of that name.
+        """
+        return self._rate(self.position(name))
+
+    def jacobian(self, name: str) -> FloatArray:
+        """How the origin of a body or site moves with the joints, (n, T, 3, J) m per rad or m.
+
+        Raises:
+            SceneError: the scene has no body or site of that name.
+        """
+        n, length, joints = self.waypoints.shape
+        every = np.moveaxis(self.posed.jacobian(self.scene.carried(name)), -1, 0)
+        followed = every @ self.scene.rig.expansion(self.waypoints.reshape(-1, joints))
+        return followed.reshape(n, length, 3, joints)
+
+    def _rate(self, values: FloatArray) -> FloatArray:
+        if values.shape[1] < 2:
+            raise ArgumentError("a velocity needs at least 2 waypoints; give ingest.waypoints of 3 or more.")
+        return np.asarray(np.gradient(values, self.time, axis=1))
+
     @property
     def end_effector(self) -> FloatArray:
         """Origin of the scene's end effector in the world frame, (n, T, 3) m."""

@@ -83,7 +83,15 @@ def run(project: Project, name: str) -> None:
         spread = reduce(Spread.__add__, spreads.values())
         scale = spread.scale(method, names, demonstrations)
         used = pl.lit(method if isinstance(method, str) else "given")
-        scales = units.select("feature", "unit", method=used, scale=pl.Series(scale), varies=pl.Series(spread.varies))
+        scales = units.select(
+            "feature",
+            "unit",
+            "direction",
+            "over_time",
+            method=used,
+            scale=pl.Series(scale),
+            varies=pl.Series(spread.varies),
+        )
         record.notes += _unvaried(names, spread, spreads)
         stated = provenance(project, parameters("density", name), tables.values())
         write_table(project.table(name, "scales"), "scales", scales, stated)

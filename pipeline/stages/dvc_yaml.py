@@ -1,7 +1,8 @@
 """dvc.yaml, written from the registry of stages and from what their modules import.
 
 `python -m pipeline.stages.dvc_yaml` writes the file of the project that it is run in. Run it after a change of the
-registry, of a stage's imports or of the tasks in params.yaml, and when `sample.given` names a file or no longer does.
+registry, of a stage's imports or of the tasks in params.yaml, and when `sample.given` or
+`feature_files` name a file or no longer do.
 """
 
 from __future__ import annotations
@@ -44,8 +45,9 @@ NEUTRAL = {
     "pipeline/workspace/compute/dask_executor.py",
     "pipeline/workspace/progress.py",
     "pipeline/workspace/project.py",
+    "pipeline/workspace/trust.py",
 }
-MOST = 0.75  # of the files in a folder, from which on a stage waits for the whole folder
+MOST = 0.5  # share of the files in a folder, from which on a stage waits for the whole folder
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
 # Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
@@ -86,7 +88,7 @@ def code_of(module: str) -> list[str]:
     """The files of code that can change what a module does, a folder standing for all that is in it.
 
     They are the module and what it imports, anywhere in it, and so on; without `NEUTRAL`, and without the files
-    `__init__.py`, which compute nothing. A folder of which they are most may bring a few files more.
+    `__init__.py`, which compute nothing. A folder of which they are half or more stands for them, with a few files more.
     """
     found: set[str] = set()
     waiting = {f"{module.replace('.', '/')}.py"}
@@ -124,7 +126,18 @@ def _stage(stage: Stage, params: Params, own: Mapping[str, str]) -> str:
             f"  {stage.name}:\n" + (f"    foreach: {foreach}\n    do:\n" if foreach else ""),
             f"{indent}cmd: lessbench {stage.command}{f' {key}' if foreach else ''}\n",
             _listed(indent, "params", _in_files(stage, _for(watched(stage.parameters, params), key), own)),
-            _listed(indent, "deps", [*_named(stage, params), *inputs, *tables, *schemas, *code_of(stage.module)]),
+            _listed(
+                indent,
+                "deps",
+                [
+                    *_named(stage, params),
+                    *_feature_files(stage, params),
+                    *inputs,
+                    *tables,
+                    *schemas,
+                    *code_of(stage.module),
+                ],
+            ),
             _listed(indent, "outs", made, KEPT),
             _listed(indent, "metrics", _for(stage.metrics, key), KEPT),
         ]
@@ -164,6 +177,12 @@ def _named(stage: Stage, params: Params) -> list[str]:
     own = [f"item.{path.rpartition('.')[2]}" for path in stage.named if path.startswith("tasks.")]
     others = [path for path in stage.named if not path.startswith("tasks.") and value_at(params, path) is not None]
     return [f"${{{path}}}" for path in (*own, *others)]
+
+
+def _feature_files(stage: Stage, params: Params) -> list[str]:
+    """Those of every task, since a stage is written once for all tasks; a task without any names none to DVC."""
+    files = [file for task in params.tasks.values() for file in task.feature_files]
+    return list(dict.fromkeys(files)) if stage.features else []
 
 
 def _listed(indent: str, name: str, items: Sequence[str], setting: str = "") -> str:

@@ -23,6 +23,7 @@ from pipeline.workspace.compute.executor import workers
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import SceneFile, load_task_scene, loaded, scene_file
+from pipeline.workspace.trust import register_task_kinds
 
 BLOCK = 2000  # trajectories whose waypoints are in double precision at once
 
@@ -52,6 +53,7 @@ def run(project: Project, name: str) -> None:
         TaskTables(project.tables(name, ("demonstrations", "alternatives"))) as tables,
         workers() as pool,
     ):
+        own_kinds = register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         features = bind_features(scene, task.features)
         tables.check()
@@ -59,7 +61,7 @@ def run(project: Project, name: str) -> None:
         stated = provenance(
             project,
             parameters("featurize", name),
-            [*tables.values(), *scene_files(scene.path)],
+            [*tables.values(), *scene_files(scene.path), *own_kinds],
             model=model_hash(scene),
         )
         file, specs = scene_file(scene), json.dumps({key: dict(spec) for key, spec in task.features.items()})
@@ -76,7 +78,15 @@ def run(project: Project, name: str) -> None:
                 writer.write(pl.concat([*before, *islice(done, len(part))], how="diagonal"))
                 before = []
         kinds = [str(task.features[feature]["kind"]) for feature in features.names]
-        units = pl.DataFrame({"feature": features.names, "kind": kinds, "unit": features.units})
+        units = pl.DataFrame(
+            {
+                "feature": features.names,
+                "kind": kinds,
+                "unit": features.units,
+                "direction": features.directions,
+                "over_time": features.over_time,
+            }
+        )
         write_table(project.table(name, "feature_units"), "feature_units", units, stated)
         count = demonstrations.height + alternatives.rows
         record.produced = f"{count:,} trajectories x {len(features.names)} features"

@@ -61,7 +61,7 @@ def run(project: Project, name: str) -> None:
         rejected = results["rejected"].read(where=~pl.col("reason").is_in(sorted(SET_ASIDE))).height
         recordings = view.demonstrations.height, rejected
         beliefs = {model: steps[-1] for model, steps in view.beliefs.items()}
-        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings)
+        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings, view.fits)
         write_figures(project, name, figures, numbers)
         record.produced = f"{len(figures)} figures"
 

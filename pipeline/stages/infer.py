@@ -7,6 +7,7 @@ stand among the alternatives, since a posterior from people whom no alternative 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -19,10 +20,10 @@ from pipeline.formats.parquet.tables import table_writer, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Infer, Task
 from pipeline.stages.registry import parameters
-from pipeline.studies.posteriors import PART_ROWS, groups_of, held_out_rows, posterior_parts
-from pipeline.studies.support import at_edge, beyond, support_rows
-from pipeline.vocabulary import WORKING, model_name
-from pipeline.workspace.compute.executor import workers
+from pipeline.studies.posteriors import PART_ROWS, fit_rows, groups_of, held_out_rows, posterior_parts
+from pipeline.studies.support import at_edge, beyond, chance_notes, support_rows
+from pipeline.vocabulary import DIRECTIONS, WORKING, model_name
+from pipeline.workspace.compute.executor import Workers, workers
 from pipeline.workspace.compute.likelihoods import Question, likelihoods
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
@@ -31,7 +32,7 @@ INPUTS = ("demonstrations", "features", "scales", "densities")
 
 
 def run(project: Project, name: str) -> None:
-    """Write posteriors.parquet, held_out.parquet and support.parquet of the task `name`."""
+    """Write posteriors.parquet, held_out.parquet, support.parquet and fits.parquet of the task `name`."""
     task, settings, partition = project.params.task(name), project.params.infer, project.params.compute.partition
     with (
         recorded_run(project, "infer", name) as record,
@@ -43,7 +44,8 @@ def run(project: Project, name: str) -> None:
         question = _question(task, settings, people, tables)
         groups, thetas, betas = groups_of(people), question.thetas, question.betas
         stated = provenance(project, parameters("infer", name), tables.values())
-        held_out = []
+        held_out, fits = [], []
+        by_chance = _by_chance(pool, question, tables, partition, f"infer {name}: chance")
         with (
             table_writer(project.table(name, "posteriors"), "posteriors", stated) as writer,
             gathered(writer, PART_ROWS) as posteriors,
@@ -59,7 +61,11 @@ def run(project: Project, name: str) -> None:
                         together = posterior_from(likely.sum(axis=0), thetas, betas).log_probability
                         edge = at_edge(np.exp(together).sum(axis=0), settings.betas, model_name(label))
                         record.notes += [edge] if edge else []
+                        fits.append(fit_rows(groups, likely, by_chance[label], thetas, about))
         write_table(project.table(name, "held_out"), "held_out", pl.concat(held_out), stated)
+        fitted = pl.concat(fits).drop("set_size", "set_id")
+        write_table(project.table(name, "fits"), "fits", fitted, stated)
+        record.notes += chance_notes(fitted)
         support = _support(people, question, tables)
         write_table(project.table(name, "support"), "support", support, stated)
         record.notes += beyond(support)
@@ -67,19 +73,27 @@ def run(project: Project, name: str) -> None:
         record.produced = f"{count:,} posteriors over {len(thetas)} thetas x {len(betas)} betas"
 
 
-def hypotheses(task: Task, settings: Infer, features: Sequence[str]) -> np.ndarray:
-    """The weight vectors (K, F) on scaled features: those the task lists, or the grid of cost directions.
+def hypotheses(task: Task, settings: Infer, features: Sequence[str], directions: Sequence[str]) -> np.ndarray:
+    """The weight vectors (K, F) on scaled features: those the task lists, or a grid of directions.
+
+    In a grid a feature has the values that `thetas` gives for it, else those of `infer.theta_values` with the signs
+    of its direction.
 
     Args:
         task: whose hypotheses.
         settings: the values of the grid.
         features: names of the F features in the order of the tables.
+        directions: for each of them, a word of `DIRECTIONS`.
 
     Raises:
         StageError: the task lists weight vectors, and its features are not those of the tables, in their order.
     """
-    if task.thetas == "grid":
-        return theta_grid([settings.theta_values] * len(features))
+    if not isinstance(task.thetas, tuple):
+        own = {} if task.thetas == "grid" else task.thetas
+        amounts = np.array(settings.theta_values)
+        signed = {word: [*dict.fromkeys(np.outer(signs, amounts).ravel() + 0.0)] for word, signs in DIRECTIONS.items()}
+        values = [own.get(name, signed[word]) for name, word in zip(features, directions, strict=True)]
+        return theta_grid(values, sign=1)
     if tuple(task.features) != tuple(features):
         raise StageError(
             f"the tables have the features {', '.join(features)} in this order and params.yaml has "
@@ -93,8 +107,17 @@ def _question(task: Task, settings: Infer, people: pl.DataFrame, tables: TaskTab
     scales = tables["scales"].read()
     features = Scaled(tables.for_jobs("features"), tuple(scales["feature"]), scales["scale"].to_numpy())
     phi = np.ascontiguousarray(_values(people, features.names, tables) / features.scale)
-    thetas, betas = hypotheses(task, settings, features.names), np.array(settings.betas)
+    thetas, betas = hypotheses(task, settings, features.names, tuple(scales["direction"])), np.array(settings.betas)
     return Question(features, settings.models, tuple(people["demonstration_id"]), phi, thetas, betas)
+
+
+def _by_chance(
+    pool: Workers, question: Question, tables: TaskTables, partition: int, label: str
+) -> dict[str, FloatArray]:
+    """(n,) log likelihoods of the demonstrations under theta = 0, by model, for the working set."""
+    indifferent = replace(question, thetas=np.zeros((1, question.thetas.shape[1])), betas=np.ones(1))
+    ((_, found),) = likelihoods(pool, indifferent, tables, partition, label, set_id=WORKING)
+    return {model: values[:, 0, 0] for model, values in found.items()}
 
 
 def _values(people: pl.DataFrame, features: Sequence[str], tables: TaskTables) -> FloatArray:

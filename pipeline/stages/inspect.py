@@ -16,12 +16,14 @@ from pipeline.params import Task
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene
+from pipeline.studies.support import chance_notes
 from pipeline.trajectories.random_streams import child_rng
+from pipeline.views.headline import in_words
 from pipeline.views.rerun.recording import write_inspection
 from pipeline.views.rerun.records import AlternativeSet, FeatureSpace, Inspection, Replay
 from pipeline.views.task_summary import replay_samples
 from pipeline.views.task_view import INPUTS, TaskView, read_waypoints, task_view
-from pipeline.vocabulary import BOLTZMANN, INDEPENDENT, LESS, SAMPLER_SHIFT, SINGLE, TASK_ANCHOR, WORKING
+from pipeline.vocabulary import ALL, BOLTZMANN, INDEPENDENT, LESS, SAMPLER_SHIFT, SINGLE, TASK_ANCHOR, WORKING
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.scenes import load_task_scene
 
@@ -162,19 +164,24 @@ def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
         f"{view.alternatives.height:,} alternatives ({project.params.sample.sampler}{_anchored(view)}), scene "
         f"`{Path(task.scene).name}`.",
         "",
-        "| model | most probable cost | P | beta | thetas left |",
+        "| model | most probable | P | beta | thetas left |",
         "|---|---|---|---|---|",
     ]
+    together = view.fits.filter(demonstration_id=ALL, participant=ALL)
+    better = dict(together.select("model", "better").iter_rows())
     for model, steps in view.beliefs.items():
         final = steps[-1]
         best = final.map_index
         beta = final.betas[int(np.exp(final.log_probability).sum(axis=0).argmax())]
         effective = np.exp(entropy(final.marginal_theta))
         lines.append(
-            f"| {model} | {view.labels[best]} | {final.marginal_theta[best]:.3f} | {beta:g} | "
+            f"| {model} | {in_words(view.labels[best], better[model])} | {final.marginal_theta[best]:.3f} | {beta:g} | "
             f"{effective:.1f} of {len(view.labels)} |"
         )
     lines += [
+        "",
+        *(f"**{sentence[0].upper()}{sentence[1:]}.**\n" for sentence in chance_notes(view.fits)),
+        f"Weights in words are {view.meaning}.",
         "",
         "All demonstrations together; thetas left: the exponential of the posterior's entropy.",
         "",

@@ -42,6 +42,7 @@ class Stage:
         makes: tables, in the order in which they are documented.
         outputs: other files and folders that it writes.
         metrics: files of headline numbers that it writes, for `dvc metrics`.
+        features: whether it evaluates features, so that the feature files of the tasks are part of its code.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Stage:
     makes: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     metrics: tuple[str, ...] = ()
+    features: bool = False
 
     @property
     def per_task(self) -> bool:
@@ -87,6 +89,7 @@ STAGES = (
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/recordings",),
+        features=True,
     ),
     Stage(
         "ingest", Scope.TASK, "ingest", "pipeline.stages.ingest",
@@ -109,6 +112,7 @@ STAGES = (
         reads=("demonstrations",),
         inputs=(SCENE,),
         makes=("alternatives", "sampling"),
+        features=True,
     ),
     Stage(
         "featurize", Scope.TASK, "featurize", "pipeline.stages.featurize",
@@ -116,6 +120,7 @@ STAGES = (
         reads=("demonstrations", "alternatives"),
         inputs=(SCENE,),
         makes=("features", "feature_units"),
+        features=True,
     ),
     Stage(
         "density", Scope.TASK, "density", "pipeline.stages.density",
@@ -127,7 +132,7 @@ STAGES = (
         "infer", Scope.TASK, "infer", "pipeline.stages.infer",
         parameters=("tasks.{task}.thetas", "infer", "compute.partition"),
         reads=("demonstrations", "features", "scales", "densities"),
-        makes=("posteriors", "held_out", "support"),
+        makes=("posteriors", "held_out", "support", "fits"),
     ),
     Stage(
         "shift", Scope.TASK, "shift", "pipeline.stages.shift",
@@ -140,6 +145,7 @@ STAGES = (
         reads=("demonstrations",),
         inputs=(SCENE,),
         makes=("shifted_alternatives", "shifted_sampling"),
+        features=True,
     ),
     Stage(
         "robustness", Scope.TASK, "study robustness", "pipeline.stages.robustness",
@@ -155,13 +161,14 @@ STAGES = (
             "robustness_anova", "robustness_post_hoc", "sensitivity", "sensitivity_summary", "duplicates",
             "duplicates_summary",
         ),
+        features=True,
     ),
     Stage(
         "figures", Scope.TASK, "figures", "pipeline.stages.figures",
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",
             "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
-            "sensitivity_summary", "duplicates_summary",
+            "sensitivity_summary", "duplicates_summary", "fits",
         ),
         outputs=("datasets/{task}/figures",),
         metrics=("datasets/{task}/metrics.json",),
@@ -173,6 +180,7 @@ STAGES = (
         ),
         reads=(
             "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
+            "fits",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/inspect.rrd",),
@@ -233,6 +241,7 @@ UNDECLARED = {
     "tasks.{task}.scene": "the stage `scene` alone follows it; the others depend on scene.json, which changes with it",
     "tasks.{task}.joints": "likewise, as scene.json lists the joints",
     "tasks.{task}.joint_names": "likewise, as scene.json has the names",
+    "tasks.{task}.feature_files": "stages depend on the files themselves; older parameters do not name any",
 }
 
 

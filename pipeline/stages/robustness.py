@@ -32,6 +32,7 @@ from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, Run, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
+from pipeline.workspace.trust import register_task_kinds
 
 INPUTS = ("demonstrations", "features", "scales", "shifted_alternatives")
 PEOPLE = ("demonstration_id", "participant", "true_theta")
@@ -44,6 +45,7 @@ def run(project: Project, name: str) -> None:
     task = project.params.task(name)
     with recorded_run(project, "robustness", name) as record, TaskTables(project.tables(name, INPUTS)) as sources:
         sources.check(whole=["demonstrations"])  # of which only some columns are used
+        own_kinds = register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         order = sources["scales"].read()["feature"].to_list()
         if set(order) != set(task.features):
@@ -55,7 +57,7 @@ def run(project: Project, name: str) -> None:
         stated = provenance(
             project,
             parameters("robustness", name),
-            [*sources.values(), *scene_files(scene.path)],
+            [*sources.values(), *scene_files(scene.path), *own_kinds],
             model=model_hash(scene),
         )
         for table, rows in tables.items():
@@ -82,7 +84,7 @@ def _tables(
             INDEPENDENT: _choice_sets(alternatives, features.names, scale),
             SAMPLER_SHIFT: _choice_sets(shifted, features.names, scale),
         },
-        hypotheses(task, project.params.infer, features.names),
+        hypotheses(task, project.params.infer, features.names, features.directions),
         np.array(project.params.infer.betas),
     )
     watched = [

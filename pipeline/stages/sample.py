@@ -30,6 +30,7 @@ from pipeline.workspace.given import pool_of, read_given
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
+from pipeline.workspace.trust import register_task_kinds
 
 MIXED = (DEFORMATION, VIA_POINT, PLANNER)  # what a mixture has equal parts of
 TRIED, LEAST_ACCEPTANCE = 20, 0.01  # drawn from each of them, and the share that must keep to the room
@@ -91,10 +92,11 @@ def run(project: Project, name: str) -> None:
     task, settings = project.params.task(name), project.params.sample
     partition = project.params.compute.partition
     with recorded_run(project, "sample", name) as record:
+        own_kinds = register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         with OpenTable(project.table(name, "demonstrations"), "demonstrations") as source:
             ends = ends_of(scene, task, source.read())
-        inputs: list[Path | OpenTable] = [*scene_files(scene.path), source]
+        inputs: list[Path | OpenTable] = [*scene_files(scene.path), *own_kinds, source]
         if settings.given is not None:
             inputs.append(project.path(settings.given))
         stated = provenance(project, parameters("sample", name), inputs, model=model_hash(scene))

@@ -27,6 +27,7 @@ from pipeline.workspace.compute.executor import workers
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
+from pipeline.workspace.trust import register_task_kinds
 
 FEWEST = 2  # samplers that can be compared
 
@@ -74,6 +75,7 @@ def run(project: Project, name: str) -> None:
     """Write shifted_alternatives.parquet and shifted_sampling.parquet of the task `name`."""
     task, specs = project.params.task(name), project.params.robustness.samplers
     with recorded_run(project, "shift", name) as record, workers() as pool:
+        own_kinds = register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         with OpenTable(project.table(name, "demonstrations"), "demonstrations") as source:
             anchors = ends_of(scene, task, source.read())
@@ -98,7 +100,7 @@ def run(project: Project, name: str) -> None:
         rows = [rows for sets in kept for rows, _ in sets]
         shares = pl.concat([shares for sets in kept for _, shares in sets])
         stated = provenance(
-            project, parameters("shift", name), [*scene_files(scene.path), source], model=model_hash(scene)
+            project, parameters("shift", name), [*scene_files(scene.path), *own_kinds, source], model=model_hash(scene)
         )
         table = pl.concat(rows)
         write_table(project.table(name, "shifted_alternatives"), "shifted_alternatives", table, stated)

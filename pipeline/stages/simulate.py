@@ -16,6 +16,7 @@ from pipeline.trajectories.random_streams import child_rng
 from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.scenes import load_task_scene
+from pipeline.workspace.trust import register_task_kinds
 
 FIRST_NS = 1_584_950_400_000_000_000  # 2020-03-23 08:00 UTC; each participant comes ten minutes later
 SLOT_NS = 600_000_000_000
@@ -27,6 +28,7 @@ def run(project: Project, name: str) -> None:
     if name not in settings.weights:
         raise ParameterError(f"simulate.weights has no task {name!r}; it has {one_of(settings.weights)}")
     with recorded_run(project, "simulate", name, (project.datasets / name / "recordings",)) as record:
+        register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         room = Room.of(scene, task.surface, task.collisions, task_anchor(scene), str(scene.path))
         planning = Planning.of(room, task.preferences, project.params.ingest.waypoints)

@@ -1,4 +1,4 @@
-"""Rows of the tables `posteriors` and `held_out`, from the log likelihoods of demonstrations."""
+"""Rows of the tables `posteriors`, `held_out` and `fits`, from the log likelihoods of demonstrations."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.choice import held_out_from, posterior_from
+from pipeline.choice.chance import needed_gain
 from pipeline.vocabulary import ALL
 
 PART_ROWS = 1 << 18  # rows of posteriors that are in memory at once, unless one group alone has more hypotheses
@@ -79,3 +80,31 @@ def held_out_rows(people: pl.DataFrame, values: FloatArray, about: Mapping[str, 
     if people.height < 2:
         return rows.clear().with_columns(log_predictive=pl.lit(None, pl.Float64))
     return rows.with_columns(log_predictive=pl.Series(held_out_from(values).log_predictive))
+
+
+def fit_rows(
+    groups: Sequence[Group], values: FloatArray, by_chance: FloatArray, thetas: FloatArray, about: Mapping[str, object]
+) -> pl.DataFrame:
+    """Rows of the table `fits`.
+
+    Args:
+        groups: from `groups_of`.
+        values: (n, K, B) log likelihoods of the demonstrations.
+        by_chance: (n,) those under theta = 0.
+        thetas: (K, F) reward weights.
+        about: columns that have one value in all rows, with that value.
+    """
+    best = np.array([values[rows].sum(axis=0).max() for _, _, rows in groups])
+    chance = np.array([by_chance[rows].sum() for _, _, rows in groups])
+    needed = needed_gain(thetas)
+    return pl.DataFrame(
+        {
+            "demonstration_id": [group[0] for group in groups],
+            "participant": [group[1] for group in groups],
+            "demonstrations": [len(group[2]) for group in groups],
+            "log_likelihood": best,
+            "log_chance": chance,
+            "needed": needed,
+            "better": best - chance >= needed,
+        }
+    ).with_columns(pl.lit(value).alias(column) for column, value in about.items())

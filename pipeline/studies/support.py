@@ -1,13 +1,15 @@
-"""Where demonstrations stand among the alternatives: inside the range of every feature, or beyond it."""
+"""Where demonstrations stand among the alternatives, and whether any theta explains them better than chance."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
+from pipeline.vocabulary import ALL, model_name
 
 
 def support_rows(
@@ -83,4 +85,20 @@ def edge_sentence(model: str, beta: float, edge: str) -> str:
     return (
         f"under {model} the most probable beta of all together, {beta:g}, is the {edge} of infer.betas, so that the "
         "best one may be beyond it; widen the grid and see whether the answer changes"
+    )
+
+
+def chance_notes(fits: pl.DataFrame) -> list[str]:
+    """A sentence for each model under which no theta explains all demonstrations together better than chance."""
+    together = fits.filter(demonstration_id=ALL, participant=ALL, better=False)
+    return [_sentence(row) for row in together.iter_rows(named=True)]
+
+
+def _sentence(row: Mapping[str, Any]) -> str:
+    gain = row["log_likelihood"] - row["log_chance"]
+    return (
+        f"under {model_name(row['model'])} no theta of the grid explains the {row['demonstrations']} demonstrations "
+        f"better than chance (log likelihood {gain:+.1f} against that of theta = 0, needed is +{row['needed']:.1f}), "
+        "so do not read the posterior as a preference; if people may want more of a feature, give it positive values "
+        "in the task's thetas"
     )

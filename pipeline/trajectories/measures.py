@@ -1,4 +1,4 @@
-"""Sums over the waypoints of a trajectory: the formulas behind the features.
+"""Sums over the waypoints of a trajectory, and shares of its time: the formulas behind the features.
 
 The robot is at the first waypoint before it moves, so sums run over waypoints 1 to T-1 (LESS, section 6, as the
 authors' lab defines its features on the arm).
@@ -104,6 +104,35 @@ def summed_tilt(axes: FloatArray) -> FloatArray:
         raise ArgumentError(f"axes have {axes.shape[2]} coordinates; allowed are 3.")
     angles = np.arctan2(np.hypot(axes[:, 1:, 0], axes[:, 1:, 1]), axes[:, 1:, 2])
     return np.asarray(angles.sum(axis=1))
+
+
+def share_within(offsets: FloatArray, radius_m: float) -> FloatArray:
+    """Share of the time in which |offset| <= radius, the offset linear in time between waypoints.
+
+    Args:
+        offsets: (N, T, D) m, from a centre, at waypoints that are evenly spaced in time; T >= 2.
+        radius_m: > 0.
+
+    Returns:
+        (N,) from 0 to 1.
+
+    Raises:
+        ArgumentError: the radius is not positive and finite, or there are fewer than two waypoints.
+    """
+    if not 0 < radius_m < np.inf:
+        raise ArgumentError(f"radius_m is {radius_m}; it must be positive and finite.")
+    if offsets.ndim != 3 or offsets.shape[1] < 2:
+        raise ArgumentError(f"offsets have shape {offsets.shape}; they must be (N, T, D) with at least 2 waypoints.")
+    first, step = offsets[:, :-1], np.diff(offsets, axis=1)
+    # |first + s step|^2 = radius^2 at the ends of an interval of s, which is cut to 0..1
+    square = np.einsum("ntd,ntd->nt", step, step)
+    middle = np.einsum("ntd,ntd->nt", first, step)
+    beyond = np.einsum("ntd,ntd->nt", first, first) - radius_m**2
+    still = square == 0
+    safe = np.where(still, 1.0, square)
+    root = np.sqrt(np.maximum(middle**2 - safe * beyond, 0.0))
+    enters, leaves = (np.clip((-middle + sign * root) / safe, 0.0, 1.0) for sign in (-1, 1))
+    return np.asarray(np.where(still, beyond <= 0, leaves - enters).mean(axis=1))
 
 
 def _shaped(name: str, values: FloatArray, dimensions: int) -> FloatArray:

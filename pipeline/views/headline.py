@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.choice import entropy
-from pipeline.vocabulary import INDEPENDENT, SAMPLER_SHIFT, SINGLE
+from pipeline.vocabulary import ALL, INDEPENDENT, SAMPLER_SHIFT, SINGLE
 
 if TYPE_CHECKING:
     from pipeline.choice import Posterior
@@ -25,6 +25,7 @@ def task_headline(
     held_out: pl.DataFrame,
     summary: pl.DataFrame | None,
     recordings: tuple[int, int],
+    fits: pl.DataFrame,
 ) -> Numbers:
     """The headline numbers of a task, from all of its demonstrations together.
 
@@ -34,9 +35,11 @@ def task_headline(
         held_out: rows of the table `held_out` for the same set; there may be none.
         summary: the table `robustness_summary`, or None if the study was not run.
         recordings: number of recordings that were used, and that were rejected.
+        fits: the table `fits`.
 
     Returns:
-        `recordings`: `used`, `rejected`. For each model: `best`, the most probable theta in words; its `posterior`,
+        `recordings`: `used`, `rejected`. For each model: `best`, the most probable theta in words, or that none is
+        better than chance; `gain`, of the best log likelihood over that of theta = 0 (nats); its `posterior`,
         summed over beta; the `beta` that is most probable with it; the `entropy` of the posterior over theta (nats);
         `held_out`, the mean log predictive probability of a demonstration given the others (nats); and `kl_aggregate`,
         for each regime the median over single demonstrations with the largest sets (nats).
@@ -44,8 +47,10 @@ def task_headline(
     numbers: Numbers = {"recordings": dict(zip(("used", "rejected"), recordings, strict=True))}
     for model, belief in beliefs.items():
         best = belief.map_index
+        together = fits.filter(model=model, demonstration_id=ALL, participant=ALL).row(0, named=True)
         model_numbers: Numbers = {
-            "best": labels[best],
+            "best": in_words(labels[best], together["better"]),
+            "gain": _short(together["log_likelihood"] - together["log_chance"]),
             "posterior": _short(belief.marginal_theta[best]),
             "beta": _short(belief.betas[int(np.argmax(belief.log_probability[best]))]),
             "entropy": _short(entropy(belief.marginal_theta)),
@@ -57,6 +62,11 @@ def task_headline(
             model_numbers["kl_aggregate"] = _divergences(summary.filter(model=model, demonstrations=SINGLE))
         numbers[model] = model_numbers
     return numbers
+
+
+def in_words(label: str, better: bool) -> str:
+    """The most probable theta, or that it explains people no better than chance."""
+    return label if better else f"nothing found: no better than chance (likeliest: {label})"
 
 
 def studies_headline(tests: pl.DataFrame, grid_summary: pl.DataFrame) -> Numbers:

@@ -30,6 +30,7 @@ class DensityCurve:
         raw: (G,) density per raw unit if every alternative has the same weight.
         adjusted: (G,) density per raw unit if each alternative has its LESS weight.
         demonstrations: (n,) raw values of the demonstrations.
+        over_time: how a value comes of a trajectory, such as `sum`; empty if that is not said.
     """
 
     feature: str
@@ -38,6 +39,7 @@ class DensityCurve:
     raw: FloatArray
     adjusted: FloatArray
     demonstrations: FloatArray
+    over_time: str = ""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class DensityMap:
         y: (H,) increasing, evenly spaced values of the second, in raw units.
         density: (H, G) density per raw unit of both, row h at `y[h]`, column g at `x[g]`.
         demonstrations: (n, 2) raw values of the demonstrations.
+        over_time: how values of both come of a trajectory, such as `sum`; empty if that is not said.
     """
 
     features: tuple[str, str]
@@ -59,6 +62,7 @@ class DensityMap:
     y: FloatArray
     density: FloatArray
     demonstrations: FloatArray
+    over_time: tuple[str, str] = ("", "")
 
 
 def feature_grid(alternatives: FloatArray, demonstrations: FloatArray, bandwidth: float, size: int) -> FloatArray:
@@ -118,6 +122,7 @@ def density_curve(
     bandwidth: float,
     less_log_weights: FloatArray,
     size: int = 200,
+    over_time: str = "",
 ) -> DensityCurve:
     """Both densities of one feature; arguments as in `feature_grid` and `density_1d`."""
     grid = feature_grid(alternatives, demonstrations, bandwidth, size)
@@ -128,6 +133,7 @@ def density_curve(
         raw=density_1d(alternatives, grid, bandwidth),
         adjusted=density_1d(alternatives, grid, bandwidth, less_log_weights),
         demonstrations=demonstrations,
+        over_time=over_time,
     )
 
 
@@ -138,6 +144,7 @@ def density_map(
     demonstrations: FloatArray,
     bandwidths: FloatArray,
     size: tuple[int, int] = (120, 90),
+    over_time: tuple[str, str] = ("", ""),
 ) -> DensityMap:
     """Kernel density of the alternatives over two features.
 
@@ -151,6 +158,7 @@ def density_map(
         demonstrations: (n, 2) raw values.
         bandwidths: (2,) sigma in raw units of each.
         size: number of values along the horizontal and the vertical axis.
+        over_time: of the two features.
 
     Raises:
         ArgumentError: a bandwidth is not positive.
@@ -163,7 +171,7 @@ def density_map(
         # the Gaussian is a product over features: two thin matrices instead of one value per cell and alternative
         along_x, along_y = (_kernel(axes[i], block[:, i], float(bandwidths[i])) for i in (0, 1))
         density += along_y @ along_x.T
-    return DensityMap(features, units, axes[0], axes[1], density / len(alternatives), demonstrations)
+    return DensityMap(features, units, axes[0], axes[1], density / len(alternatives), demonstrations, over_time)
 
 
 def theta_labels(thetas: FloatArray, names: Sequence[str]) -> tuple[str, ...]:

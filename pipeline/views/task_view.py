@@ -46,6 +46,7 @@ class TaskView:
         labels: (K,) the hypotheses in words.
         meaning: what the numbers in the labels mean.
         beliefs: for each model, the posterior before any demonstration and after each.
+        fits: the table `fits`.
     """
 
     demonstrations: pl.DataFrame
@@ -63,9 +64,10 @@ class TaskView:
     labels: tuple[str, ...]
     meaning: str
     beliefs: dict[str, list[Posterior]]
+    fits: pl.DataFrame
 
 
-INPUTS = ("demonstrations", "alternatives", "features", "densities", "scales", "posteriors")
+INPUTS = ("demonstrations", "alternatives", "features", "densities", "scales", "posteriors", "fits")
 
 
 def task_view(tables: TaskTables) -> TaskView:
@@ -96,6 +98,7 @@ def task_view(tables: TaskTables) -> TaskView:
         labels=theta_labels(final.thetas, space.names),
         meaning=theta_meaning(final.thetas),
         beliefs=beliefs,
+        fits=tables["fits"].read(),
     )
 
 
@@ -107,6 +110,7 @@ class _FeatureSpace:
     independent: pl.DataFrame
     names: tuple[str, ...]
     units: tuple[str, ...]
+    over_time: tuple[str, ...]
     scale: FloatArray
     phi: FloatArray
     demonstration_phi: FloatArray
@@ -117,7 +121,10 @@ class _FeatureSpace:
         """The density along one feature."""
         sigma = self.bandwidth * self.scale[f]
         demonstrations = self.demonstration_phi[:, f]
-        return density_curve(self.names[f], self.units[f], self.phi[:, f], demonstrations, sigma, self.log_weights)
+        return density_curve(
+            self.names[f], self.units[f], self.phi[:, f], demonstrations, sigma, self.log_weights,
+            over_time=self.over_time[f],
+        )  # fmt: skip
 
     def map(self, first: int, second: int) -> DensityMap:
         """The density over two features."""
@@ -128,6 +135,7 @@ class _FeatureSpace:
             self.phi[:, pair],
             self.demonstration_phi[:, pair],
             self.bandwidth * self.scale[pair],
+            over_time=(self.over_time[first], self.over_time[second]),
         )
 
 
@@ -144,6 +152,7 @@ def _feature_space(tables: TaskTables, demonstration_ids: pl.Series) -> _Feature
         independent=independent.join(weighed.drop("bandwidth"), on="alternative_id", maintain_order="left"),
         names=tuple(names),
         units=tuple(scales["unit"]),
+        over_time=tuple(scales["over_time"]),
         scale=scales["scale"].to_numpy(),
         phi=_features_of(alternatives["alternative_id"], features, names),
         demonstration_phi=_features_of(demonstration_ids, features, names),

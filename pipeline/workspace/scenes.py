@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pipeline.errors import SceneError, one_of
 from pipeline.params import Task
+from pipeline.replay.kinds.own import FeatureFile, register_kinds, registered
 from pipeline.replay.scene import Scene, load_scene, scene_files
 from pipeline.workspace.project import Project
 
@@ -22,12 +23,14 @@ class SceneFile:
         end_effector: body or site whose path matters.
         joints: which joints describe a trajectory, in order.
         content: SHA-256 over the file and those it includes, so that a changed scene is loaded again.
+        kinds: feature files that define kinds of features; all that the process has run which made this.
     """
 
     path: Path
     end_effector: str
     joints: tuple[str, ...]
     content: str
+    kinds: tuple[FeatureFile, ...] = ()
 
 
 def load_task_scene(project: Project, task: Task) -> Scene:
@@ -51,10 +54,11 @@ def scene_file(scene: Scene) -> SceneFile:
     digest = hashlib.sha256()
     for path in scene_files(scene.path):
         digest.update(path.read_bytes())
-    return SceneFile(scene.path, scene.end_effector, scene.joints, digest.hexdigest())
+    return SceneFile(scene.path, scene.end_effector, scene.joints, digest.hexdigest(), registered())
 
 
 @lru_cache(maxsize=4)
 def loaded(file: SceneFile) -> Scene:
-    """The scene of a file."""
+    """The scene of a file; the kinds of features that go with it are registered."""
+    register_kinds(file.kinds)
     return load_scene(file.path, end_effector=file.end_effector, joints=file.joints)

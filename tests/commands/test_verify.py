@@ -39,10 +39,10 @@ def tamper(project: Project, name: str, change: Callable[[pl.DataFrame], pl.Data
 def test_nothing_has_drifted(made: Project) -> None:
     found = verify(made, "sweep", 30)
     assert found.drift == []
-    assert (found.tables, found.trajectories, found.posteriors) == (11, 33, 30)
+    assert (found.tables, found.trajectories, found.posteriors) == (12, 33, 30)
     assert found.files > 20
     assert found.lines("sweep") == [
-        f"sweep: 11 tables as they were made; 0 other outputs, {found.files} input hashes, 33 trajectories and 30 "
+        f"sweep: 12 tables as they were made; 0 other outputs, {found.files} input hashes, 33 trajectories and 30 "
         "posteriors checked again"
     ]
 
@@ -75,7 +75,7 @@ def test_changed_parameters(make_project: Make, parameters: dict[str, Any], made
     other = "was made with other parameters than params.yaml has now"
     assert {line.split(":")[0] for line in said if other in line} == {
         f"datasets/sweep/tables/{table}.parquet"
-        for table in ("alternatives", "sampling", "posteriors", "held_out", "support")
+        for table in ("alternatives", "sampling", "posteriors", "held_out", "support", "fits")
     }
     assert "datasets/sweep/tables/alternatives.parquet: was made with the seed 7; params.yaml has 8" in said
 

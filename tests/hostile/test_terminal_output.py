@@ -76,6 +76,7 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("run",): [[EVIL]],
     ("recover",): [[]],
     ("inspect-project",): [["."], [EVIL]],
+    ("trust",): [["."], [EVIL]],
     ("import", "ferl"): [[EVIL, "out", "--joints", "a"], [f"{FILE}.xml", "out", "--joints", EVIL]],
 }  # fmt: skip
 

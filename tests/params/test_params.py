@@ -45,6 +45,9 @@ def put(document: dict[str, Any], path: str, value: Any) -> None:
         ("tasks.table.scen", "x", r"no parameter 'tasks\.table\.scen'; did you mean 'scene'\?"),
         ("tasks.table.thetas", [[1, 2]], r"tasks\.table: thetas\[0\] has 2 numbers, needed is one for each of the 3"),
         ("tasks.table.thetas", [], "no weight vector"),
+        ("tasks.table.thetas", {"speed": [1]}, r"thetas names 'speed', which is no feature of the task; there are"),
+        ("tasks.table.thetas", {"table": [1, 0, 1]}, r"thetas\.table lists a value twice"),
+        ("tasks.table.thetas", {"table": []}, r"tasks\.table\.thetas"),
         ("tasks.table.features", {}, r"tasks\.table\.features"),
         ("tasks.9x", {}, "9x"),
         (

@@ -55,8 +55,8 @@ def test_defaults_are_the_world_and_forty_centimetres(gantry, waypoints):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ({}, r"features\.f\.kind is None; allowed are efficiency, height, path_length, proximity, tilt"),
-        ({"kind": "speed"}, r"features\.f\.kind is 'speed'; allowed are efficiency"),
+        ({}, r"features\.f\.kind is None; allowed are clearance, distance, efficiency, height"),
+        ({"kind": "haste"}, r"features\.f\.kind is 'haste'; allowed are clearance"),
         ({"kind": "efficiency", "gain": 2}, r"features\.f\.gain is unknown to efficiency; allowed are \(none\)"),
         ({"kind": "proximity", "radius": 2}, r"features\.f\.radius is unknown .* allowed are object, radius_m"),
         ({"kind": "proximity"}, r"features\.f\.object is missing"),
@@ -119,5 +119,5 @@ def test_not_finite_is_an_error_that_says_where(gantry):
 @pytest.mark.usefixtures("registered")
 def test_one_number_per_trajectory(gantry):
     feature("raw", unit="rad")(lambda motion: motion.waypoints)
-    with pytest.raises(StageError, match=r"'f' returned shape \(1, 2, 3\)"):
+    with pytest.raises(StageError, match=r"'f' returned shape \(1, 4, 3\)"):
         bind_features(gantry, {"f": {"kind": "raw"}})

@@ -11,6 +11,7 @@ from pipeline.replay.room import Room
 from pipeline.replay.scene import Scene
 from pipeline.trajectories.optimise import Search, optimise_paths
 from pipeline.trajectories.paths import Anchor, straight_path
+from pipeline.trajectories.samplers import Deformation
 
 T = 11
 ENDS = Anchor(np.array([0.0, -0.8, 0.2]), np.array([0.9, 0.9, 0.6]))
@@ -54,8 +55,8 @@ def test_terms_are_those_of_the_features(gantry: Scene) -> None:
 
 
 def test_an_unknown_kind_is_refused_under_its_own_name(gantry: Scene) -> None:
-    with pytest.raises(ParameterError, match=r"^preferences\.p\.kind is 'speed'; allowed are efficiency, height, path"):
-        planning(gantry, {"p": {"kind": "speed"}})
+    with pytest.raises(ParameterError, match=r"^preferences\.p\.kind is 'haste'; allowed are clearance, distance"):
+        planning(gantry, {"p": {"kind": "haste"}})
 
 
 def test_what_does_not_vary_is_not_planned_for_and_named(gantry: Scene) -> None:
@@ -79,3 +80,12 @@ def test_what_does_not_vary_is_not_planned_for_and_named(gantry: Scene) -> None:
     # where nothing varies at all, any admissible path will do
     only = planning(gantry, {"far": far["far"]})
     assert np.isfinite(only.optimised([np.random.default_rng(0)], np.ones((1, 1)), np.array([np.inf]))).all()
+
+
+def test_of_a_wish_plans_have_much(gantry: Scene) -> None:
+    """Under a weight on clearance alone, what the planner minimises falls where clearance rises."""
+    plan = planning(gantry, {"clear": {"kind": "clearance", "over": "bin"}})
+    paths = plan.room.draw(Deformation(), np.random.default_rng(0), 20, T).waypoints
+    clearance, _ = plan.assess(paths)
+    cost, _ = plan.scaled(np.array([0.5]))(paths)
+    np.testing.assert_array_equal(cost, -clearance / 0.5)

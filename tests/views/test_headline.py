@@ -14,6 +14,11 @@ BELIEF = Posterior(np.eye(2), np.array([1.0, 10.0]), np.log([[0.2, 0.05], [0.3, 
 HELD_OUT = pl.DataFrame({"model": ["less", "less", "boltzmann"], "log_predictive": [-2.0, -4.0, -9.0]})
 
 
+def fits(better: bool) -> pl.DataFrame:
+    about = {"model": "less", "demonstration_id": "all", "participant": "all", "better": better}
+    return pl.DataFrame({**about, "log_likelihood": [-5.5], "log_chance": [-10.0]})
+
+
 def summary(**largest: float) -> pl.DataFrame:
     rows = [
         ("less", regime, size, kind, value if (size, kind) == (100, "single") else 7.0)
@@ -26,10 +31,11 @@ def summary(**largest: float) -> pl.DataFrame:
 
 def test_a_task_in_a_few_numbers() -> None:
     table = summary(**{"independent": 0.123456789, "sampler-shift": np.inf, "known-density": 1.0})
-    numbers = task_headline({"less": BELIEF}, LABELS, HELD_OUT, table, (2, 1))
+    numbers = task_headline({"less": BELIEF}, LABELS, HELD_OUT, table, (2, 1), fits(True))
     assert numbers["recordings"] == {"used": 2, "rejected": 1}
     assert numbers["less"] == {
         "best": "a + ½ b",
+        "gain": 4.5,
         "posterior": pytest.approx(0.75),
         "beta": 10.0,
         "entropy": pytest.approx(-(0.25 * np.log(0.25) + 0.75 * np.log(0.75)), rel=1e-5),
@@ -39,9 +45,10 @@ def test_a_task_in_a_few_numbers() -> None:
 
 
 def test_what_was_not_computed_is_left_out() -> None:
-    numbers = task_headline({"less": BELIEF}, LABELS, HELD_OUT.clear(), None, (1, 0))
+    numbers = task_headline({"less": BELIEF}, LABELS, HELD_OUT.clear(), None, (1, 0), fits(False))
     assert isinstance(numbers["less"], dict)
-    assert set(numbers["less"]) == {"best", "posterior", "beta", "entropy"}
+    assert set(numbers["less"]) == {"best", "gain", "posterior", "beta", "entropy"}
+    assert numbers["less"]["best"] == "nothing found: no better than chance (likeliest: a + ½ b)"
 
 
 def test_the_studies_in_a_few_numbers() -> None:

@@ -154,6 +154,20 @@ class Posed:
         x, y, z = (weighted(frame[:3], column) for column in carried.placement[:, :3].T)
         return x, y, z
 
+    def jacobian(self, carried: Carried) -> FloatArray:
+        """How the origin of a body or site moves with each column of the configurations, (3, C, n) m per rad or m.
+
+        Source: Lynch & Park, Modern Robotics, section 5.1; of the linear velocity alone.
+        """
+        origin, index = self.origin(carried), carried.joint
+        found = np.zeros((3, len(self._values), self._count))
+        while index >= 0:
+            joint = self._joints[index]
+            _, _, axis, on_axis = self._after(index)
+            found[:, joint.column] = axis if joint.slides else np.cross(axis, origin - on_axis, axis=0)
+            index = joint.outer
+        return found
+
     def _frame(self, carried: Carried) -> Axes:
         """What carries a body or site, moved as far as its origin can tell: turning leaves what is on the axis."""
         on_axis = carried.joint >= 0 and not self._joints[carried.joint].slides and not carried.placement[:2, 3].any()

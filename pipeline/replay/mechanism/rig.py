@@ -16,6 +16,8 @@ from pipeline.replay.mechanism.attachments import Attachment, attachments, carry
 from pipeline.replay.mechanism.couplings import Coupling, in_order
 from pipeline.replay.mechanism.keyframes import Keyframe
 
+_STEP = 1e-6  # rad or m, of a central difference
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -87,6 +89,15 @@ class Rig:
         for one in self.couplings:
             columns[one.follower] = one.value(columns[one.leader])
         return np.stack([columns[joint] for joint in self.moving_joints], axis=1)
+
+    def expansion(self, configurations: FloatArray) -> FloatArray:
+        """How `expanded` changes with the J joints, (n, J + K, J), by central differences."""
+        n, joints = configurations.shape
+        if not self.couplings:
+            return np.broadcast_to(np.eye(joints), (n, joints, joints))
+        steps = _STEP * np.eye(joints)
+        slopes = [self.expanded(configurations + step) - self.expanded(configurations - step) for step in steps]
+        return np.stack(slopes, axis=-1) / (2 * _STEP)
 
     def data(self) -> Any:
         """A new `mujoco.MjData` of the model, with the mocap bodies where they stay."""

@@ -153,9 +153,10 @@ def sequential_map() -> mpl.colors.Colormap:
     return mpl.colors.LinearSegmentedColormap.from_list("sequential", stops).with_extremes(bad="white")
 
 
-def with_unit(name: str, unit: str) -> str:
-    """The label of an axis: a quantity with its unit in parentheses."""
-    return f"{name} ({unit.replace('^2', '²').replace('^3', '³')})" if unit else name
+def with_unit(name: str, unit: str, over_time: str = "") -> str:
+    """The label of an axis: a quantity with its unit in parentheses, and how it comes of a trajectory."""
+    said = ", ".join(filter(None, [unit.replace("^2", "²").replace("^3", "³"), over_time]))
+    return f"{name} ({said})" if said else name
 
 
 def probability_axis(axes: Axes, label: str, top: float | None = 1.0) -> None:

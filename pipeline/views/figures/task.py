@@ -52,7 +52,7 @@ def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
         ax.axhline(0, color=INK, linewidth=0.6)
         ax.set_ylim(-0.12 * top, 1.05 * top)
         ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= 1.05 * top])
-        ax.set_xlabel(with_unit(curve.feature, curve.unit))
+        ax.set_xlabel(with_unit(curve.feature, curve.unit, curve.over_time))
     for ax in axes[len(curves) :]:
         ax.set_axis_off()
     for ax in axes[::across]:
@@ -78,8 +78,8 @@ def map_figure(density: DensityMap) -> Figure:
         points[:, 0], points[:, 1], "o", color=color(palette.DEMONSTRATION), markersize=4.5, markeredgecolor="white",
         markeredgewidth=0.6, label="demonstrations",
     )  # fmt: skip
-    ax.set_xlabel(with_unit(density.features[0], density.units[0]))
-    ax.set_ylabel(with_unit(density.features[1], density.units[1]))
+    ax.set_xlabel(with_unit(density.features[0], density.units[0], density.over_time[0]))
+    ax.set_ylabel(with_unit(density.features[1], density.units[1], density.over_time[1]))
     bar = figure.colorbar(image, ax=ax, label="density of alternatives", pad=0.02, aspect=25)
     bar.outline.set_visible(False)
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper left")

@@ -13,7 +13,7 @@ import polars as pl
 from pipeline import params
 from pipeline.formats.duckdb.questions import CONTENTS, ask
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
-from pipeline.studies.support import beyond, edge_sentence
+from pipeline.studies.support import beyond, chance_notes, edge_sentence
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
 from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
@@ -141,6 +141,8 @@ def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
     ]
     for task, rows in _by_task(answers("support", "from support order by task, demonstration_id, feature")):
         sentences += [f"Task {task}: {sentence}." for sentence in beyond(rows)]
+    for task, rows in _by_task(answers("fits", "from fits order by all")):
+        sentences += [f"Task {task}: {sentence}." for sentence in chance_notes(rows)]
     for task, model, beta, edge in _rows(answers("posteriors", EDGE), "task", "model", "beta", "edge"):
         sentences.append(f"Task {task}: {edge_sentence(model_name(model), beta, edge)}.")
     for task, model, other in _rows(answers("posteriors", APART), "task", "model", "other_model"):

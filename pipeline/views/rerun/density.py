@@ -91,7 +91,13 @@ def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks |
         )
     up = ticks(0.0, top)
     _log_axes(recording, entity, (width, height), curve.grid, up, height * up / top)
-    _log_axis_names(recording, entity, (width, height), f"{curve.feature} ({curve.unit})", f"per {curve.unit}")
+    _log_axis_names(
+        recording,
+        entity,
+        (width, height),
+        f"{curve.feature} ({_said(curve.unit, curve.over_time)})",
+        f"per {curve.unit}",
+    )
     names = ["every alternative alike", "weighted by LESS", *marks]
     colors = [palette.RAW_DENSITY, palette.MODELS[LESS], *(color for _, color in marks.values())]
     positions = [(0.8 * width, row * 0.08 * height) for row in range(len(names))]
@@ -118,7 +124,8 @@ def log_map(recording: rr.RecordingStream, density: DensityMap, points: Marks | 
         log_map_points(recording, density, name, values, color)
     up = ticks(density.y[0], density.y[-1])
     _log_axes(recording, "map", (float(width), float(height)), density.x, up, _cells(up, density.y))
-    names = [f"{feature} ({unit})" for feature, unit in zip(density.features, density.units, strict=True)]
+    axes = zip(density.features, density.units, density.over_time, strict=True)
+    names = [f"{feature} ({_said(unit, over_time)})" for feature, unit, over_time in axes]
     _log_axis_names(recording, "map", (float(width), float(height)), names[0], names[1])
 
 
@@ -202,3 +209,7 @@ def _legend(inspection: Inspection) -> str:
             "- **Posteriors**: bar and number, after the demonstrations played so far; white line, after all of them.",
         ]
     )
+
+
+def _said(unit: str, over_time: str) -> str:
+    return ", ".join(filter(None, [unit, over_time]))

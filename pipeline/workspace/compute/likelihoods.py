@@ -77,7 +77,7 @@ class Part:
 
 
 def likelihoods(
-    pool: Workers, question: Question, tables: TaskTables, partition: int, label: str
+    pool: Workers, question: Question, tables: TaskTables, partition: int, label: str, set_id: str | None = None
 ) -> Iterator[tuple[tuple[SetRows, ...], dict[str, FloatArray]]]:
     """(n, K, B) log likelihoods under each model, with the sets they belong to.
 
@@ -87,6 +87,7 @@ def likelihoods(
         tables: `features` and `densities`, checked.
         partition: the most rows of a set that are computed as a whole.
         label: what the progress bar says is computed.
+        set_id: of the sets to compute; None: all.
 
     Yields:
         The sets of one size and number, one for each anchor, and their likelihoods by model.
@@ -98,7 +99,8 @@ def likelihoods(
     density_rows = {set_rows.key: set_rows for set_rows in tables.contents("densities").sets}
     by_number: dict[tuple[int, str], list[SetRows]] = {}
     for set_rows in tables.contents("features").sets:
-        by_number.setdefault((set_rows.set_size, set_rows.set_id), []).append(set_rows)
+        if set_id in (None, set_rows.set_id):
+            by_number.setdefault((set_rows.set_size, set_rows.set_id), []).append(set_rows)
     groups = [tuple(group) for group in by_number.values()]
     for large, consecutive in groupby(groups, lambda group: max(set_rows.rows for set_rows in group) > partition):
         if not large:

@@ -20,7 +20,8 @@ from pipeline.formats.parquet.task_tables import TaskTables
 
 
 def units(count: int) -> pl.DataFrame:
-    return pl.DataFrame({"feature": [f"f{number}" for number in range(count)], "kind": "height", "unit": "m"})
+    about = {"kind": "height", "unit": "m", "direction": "cost", "over_time": "sum"}
+    return pl.DataFrame({"feature": [f"f{number}" for number in range(count)], **about})
 
 
 @pytest.fixture
