@@ -88,7 +88,7 @@ def code_of(module: str) -> list[str]:
     """The files of code that can change what a module does, a folder standing for all that is in it.
 
     They are the module and what it imports, anywhere in it, and so on; without `NEUTRAL`, and without the files
-    `__init__.py`, which compute nothing. A folder of which they are half or more stands for them, with a few files more.
+    `__init__.py`, which compute nothing. A folder of which they are half or more stands for them and the rest in it.
     """
     found: set[str] = set()
     waiting = {f"{module.replace('.', '/')}.py"}
