@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -73,6 +74,12 @@ class OutputError(WorkbenchError):
 def one_of(names: Iterable[str]) -> str:
     """The valid names as they are listed at the end of a message."""
     return ", ".join(sorted(names))
+
+
+def nearest(name: str, names: Iterable[str]) -> str:
+    """Which valid name was perhaps meant, to follow the wrong one in a message; nothing if none is alike."""
+    alike = get_close_matches(name, sorted(names), 1)
+    return f" (did you mean {alike[0]!r}?)" if alike else ""
 
 
 def few_of(names: Sequence[str], most: int = 3) -> str:

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import fcntl
 import io
+import json
 import os
 import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from typing import IO, TYPE_CHECKING, TextIO, cast
 
 from pipeline.errors import OutputError
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 LONGEST_MESSAGE = 4000
 """Characters of an error message or a note, at most."""
 _LEFT_OUT = " [...] "
+quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+"""Whether progress and notes are left out, as `lessbench --quiet` asks."""
 
 
 def plain(text: str, longest: int | None = None) -> str:
@@ -59,6 +63,22 @@ def say(line: str, *, error: bool = False) -> None:
     """
     with _written():
         print(plain(line), file=sys.stderr if error else sys.stdout, flush=True)
+
+
+def note(line: str) -> None:
+    """Print a remark on standard error, unless the user wants quiet."""
+    if not quiet.get():
+        say(line, error=True)
+
+
+def say_json(value: object) -> None:
+    """Print a value as JSON, for programs; characters beyond ASCII are escaped, so no terminal obeys any.
+
+    Raises:
+        OutputError: standard output cannot be written.
+    """
+    for line in json.dumps(value, indent=1).splitlines():
+        say(line)
 
 
 def show(what: RenderableType, width: int | None = None) -> None:

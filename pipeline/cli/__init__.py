@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ from typer.exceptions import TyperException
 
 from pipeline import terminal
 from pipeline.cli import imports, results, setup, shared, stages
+from pipeline.cli.grouping import BRING, HELP_NAMES, ExplainedGroup
 from pipeline.errors import OutputError, WorkbenchError
 from pipeline.vocabulary import SCHEDULER
 
@@ -24,15 +26,24 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
+    context_settings={"help_option_names": HELP_NAMES},
+    cls=ExplainedGroup,
     help="What did this person want, and how sure can we be? Inference from demonstrations under competing models of "
-    "choice.\n\n`dvc repro` runs all stages that are out of date; the commands below run one stage, or look at "
-    "results.\n\nExample: `lessbench sql`, for a prompt that answers questions; `lessbench infer --help` explains a "
-    "command; `lessbench --install-completion` makes Tab complete commands and tasks.",
+    "choice.\n\n`dvc repro` computes all that is out of date; the commands below bring data in, look at results and "
+    "ask questions. `lessbench COMMAND -h` explains one.\n\nExit status: 0 done; 1 it could not be done, or what was "
+    "checked is not sound, with one sentence why; 2 the command line is wrong.\n\n"
+    "Example: `lessbench --install-completion` makes Tab complete commands and tasks.",
 )
-app.add_typer(stages.commands)
-app.add_typer(results.commands)
 app.add_typer(setup.commands)
-app.add_typer(imports.commands, name="import", rich_help_panel=shared.SETUP)
+app.add_typer(imports.commands, name="import", rich_help_panel=BRING)
+app.add_typer(results.commands)
+app.add_typer(stages.commands)
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        terminal.say(f"lessbench {version('lessbench')}")
+        raise typer.Exit
 
 
 @app.callback()
@@ -48,9 +59,16 @@ def options(
             f"can run code here. For `dvc repro` set {SCHEDULER}.",
         ),
     ] = None,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print no progress and no notes; answers and errors only.")
+    ] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_say_version, is_eager=True)
+    ] = False,
 ) -> None:
     """Keep what is said before the command."""
     shared.overlay.set(overlay)
+    terminal.quiet.set(quiet)
     if scheduler is not None:
         os.environ[SCHEDULER] = scheduler
 

@@ -7,9 +7,12 @@ from typing import Annotated
 
 import typer
 
+from pipeline.cli.grouping import Commands, ExplainedGroup
 from pipeline.terminal import say
 
-commands = typer.Typer(no_args_is_help=True, help="Turn published demonstrations into MCAP recordings.")
+commands = Commands(
+    cls=ExplainedGroup, no_args_is_help=True, help="Turn published demonstrations into MCAP recordings."
+)
 
 
 @commands.command("ferl")

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.cli.shared import LOOK, Bind, IsLive, Port, TaskOrStudies, this_project
+from pipeline.cli.grouping import ASK, LOOK, TRUST, Commands
+from pipeline.cli.shared import AsJson, Bind, IsLive, Port, TaskOrStudies, this_project
 from pipeline.commands.sql.answers import MOST_ROWS, ROWS_ELSEWHERE, ROWS_ON_TERMINAL, Format
-from pipeline.terminal import say
+from pipeline.terminal import say, say_json
 from pipeline.vocabulary import STUDIES
 
-commands = typer.Typer()
+commands = Commands()
 
 
-@commands.command(rich_help_panel=LOOK)
+@commands.command(rich_help_panel=ASK)
 def sql(
     question: Annotated[
         str | None,
@@ -80,12 +83,13 @@ def view(task: TaskOrStudies) -> None:
     open_viewer(project.datasets / task / "inspect.rrd")
 
 
-@commands.command(rich_help_panel=LOOK)
+@commands.command(rich_help_panel=TRUST)
 def verify(
     task: Annotated[
         str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml, or `studies`; without it: all.")
     ] = None,
     sample: Annotated[int, typer.Option(min=0, help="How many trajectories and posteriors to compute again.")] = 20,
+    as_json: AsJson = False,
 ) -> None:
     """Ask whether the tables are what they say: recompute hashes, replay a sample. Exit status 1 if any is not.
 
@@ -94,18 +98,19 @@ def verify(
     from pipeline.commands.verify import verify, verify_project
 
     project = this_project()
-    sound = True
-    for name in [task] if task else [*project.params.tasks, STUDIES]:
-        found = verify(project, name, sample)
-        for line in found.lines(name):
-            say(line)
-        sound &= not found.drift
+    names = [task] if task else [*project.params.tasks, STUDIES]
+    looked = [(name, partial(verify, project, name, sample)) for name in names]
     if task is None:
-        found = verify_project(project)
-        for line in found.lines("catalog and report"):
-            say(line)
-        sound &= not found.drift
-    if not sound:
+        looked.append(("catalog and report", partial(verify_project, project)))
+    everything = {}
+    for name, look in looked:
+        everything[name] = found = look()
+        if not as_json:
+            for line in found.lines(name):
+                say(line)
+    if as_json:
+        say_json({name: asdict(found) for name, found in everything.items()})
+    if any(found.drift for found in everything.values()):
         raise typer.Exit(1)
 
 
@@ -139,7 +144,7 @@ def watch(
 
 
 @commands.command(rich_help_panel=LOOK)
-def summary() -> None:
+def summary(as_json: AsJson = False) -> None:
     """Say what each stage took and produced when it last ran.
 
     Example: `lessbench summary`.
@@ -149,8 +154,15 @@ def summary() -> None:
     from pipeline.terminal import cell, show
     from pipeline.workspace.project import recorded_runs
 
+    runs = recorded_runs(this_project())
+    if as_json:
+        say_json(runs)
+        return
+    if not runs:
+        say("no stage has run yet; `dvc repro` runs all of them")
+        return
     table = Table("stage", "task", "took", "produced", title="Last run of each stage", title_justify="left")
-    for run in recorded_runs(this_project()):
+    for run in runs:
         words = (str(run["stage"]), str(run["task"]), f"{run['seconds']:.1f} s", str(run["produced"]))
         table.add_row(*map(cell, words))
     show(table)

@@ -9,14 +9,15 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.shared import SETUP, TaskName, this_project
+from pipeline.cli.grouping import BRING, COMPUTE, TRUST, Commands
+from pipeline.cli.shared import TaskName, this_project
 from pipeline.terminal import LONGEST_MESSAGE, plain, say
 
-commands = typer.Typer()
+commands = Commands()
 FURTHEST_M = 100.0  # that an object may be away
 
 
-@commands.command(rich_help_panel=SETUP)
+@commands.command(rich_help_panel=BRING)
 def check(
     files: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="MCAP files.")],
     task: Annotated[str | None, typer.Option(help="Also ask whether the task's joints are in it.")] = None,
@@ -37,7 +38,7 @@ def check(
         raise typer.Exit(1)
 
 
-@commands.command("new-task", rich_help_panel=SETUP)
+@commands.command("new-task", rich_help_panel=BRING)
 def new_task(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
     recordings: Annotated[Path, typer.Option(help="Folder of recordings.")],
@@ -129,7 +130,7 @@ def _objects(texts: Iterable[str]) -> dict[str, tuple[float, float, float]]:
     return found
 
 
-@commands.command("remove-task", rich_help_panel=SETUP)
+@commands.command("remove-task", rich_help_panel=BRING)
 def remove_task(task: TaskName) -> None:
     """Take a task out of the project, with all that its stages made. Your recordings and your scene stay.
 
@@ -141,7 +142,7 @@ def remove_task(task: TaskName) -> None:
         say(plain(line, LONGEST_MESSAGE))
 
 
-@commands.command(rich_help_panel=SETUP)
+@commands.command(rich_help_panel=COMPUTE)
 def run(task: TaskName) -> None:
     """Run every stage of one task, from its recordings to its figures, whether or not it is out of date.
 
@@ -154,7 +155,7 @@ def run(task: TaskName) -> None:
     run_task(this_project(), task)
 
 
-@commands.command("inspect-project", rich_help_panel=SETUP)
+@commands.command("inspect-project", rich_help_panel=TRUST)
 def inspect_project(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A project that came from elsewhere.")],
 ) -> None:
@@ -173,7 +174,7 @@ def inspect_project(
         raise typer.Exit(1)
 
 
-@commands.command(rich_help_panel=SETUP)
+@commands.command(rich_help_panel=TRUST)
 def trust(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A project whose feature files you have read.")],
 ) -> None:
@@ -194,7 +195,7 @@ def trust(
         say(plain(line, LONGEST_MESSAGE))
 
 
-@commands.command(rich_help_panel=SETUP)
+@commands.command(rich_help_panel=COMPUTE)
 def recover() -> None:
     """After DVC itself was killed: mend its own files, which it writes in place. Also lets DVC work without git.
 

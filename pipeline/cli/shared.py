@@ -14,7 +14,6 @@ from pipeline.vocabulary import STUDIES
 if TYPE_CHECKING:
     from pipeline.workspace.project import Project
 
-STAGES, LOOK, SETUP = "Stages (what `dvc repro` calls)", "Look at results", "Bring your own"
 overlay: ContextVar[Path | None] = ContextVar("overlay", default=None)
 
 
@@ -55,6 +54,7 @@ TaskName = Annotated[str, typer.Argument(metavar="TASK", help="A task of params.
 TaskOrStudies = Annotated[
     str, typer.Argument(metavar="TASK", help="A task of params.yaml, or `studies`.", autocompletion=_tasks_and_studies)
 ]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 IsLive = Annotated[bool, typer.Option("--live", help="Also serve the recording to Rerun viewers on this machine.")]
 Port = Annotated[int, typer.Option(help="Of --live; 0 for any that is free.")]
 Bind = Annotated[str, typer.Option(metavar="ADDRESS", help="Of --live: another address lets other machines see it.")]

@@ -6,10 +6,11 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.shared import STAGES, Bind, IsLive, Port, Stay, TaskName, TaskOrStudies, tasks, this_project
+from pipeline.cli.grouping import STAGES, Commands
+from pipeline.cli.shared import Bind, IsLive, Port, Stay, TaskName, TaskOrStudies, tasks, this_project
 from pipeline.vocabulary import STUDIES
 
-commands = typer.Typer()
+commands = Commands()
 
 
 @commands.command(rich_help_panel=STAGES)

@@ -19,7 +19,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pipeline.errors import ParameterError, one_of
+from pipeline.errors import ParameterError, nearest, one_of
 from pipeline.vocabulary import (
     CLOCKS,
     DEFORMATION,
@@ -455,5 +455,7 @@ class Params(_Section):
             ParameterError: there is no such task.
         """
         if name not in self.tasks:
-            raise ParameterError(f"there is no task {name!r} in {FILE}; there are {one_of(self.tasks)}")
+            raise ParameterError(
+                f"there is no task {name!r} in {FILE}{nearest(name, self.tasks)}; there are {one_of(self.tasks)}"
+            )
         return self.tasks[name]

@@ -1,11 +1,11 @@
-"""Progress and a last line on a terminal, silence in a pipe."""
+"""Progress and a last line on a terminal, silence in a pipe or when the user wants quiet."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from pipeline.terminal import cell, plain
+from pipeline.terminal import cell, plain, quiet
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -18,7 +18,7 @@ def tracked(items: Sequence[Item], what: str) -> Iterable[Item]:
     from rich.console import Console
 
     console = Console(stderr=True)
-    if not console.is_terminal:
+    if not console.is_terminal or quiet.get():
         yield from items
         return
     with _bar() as progress:
@@ -31,7 +31,7 @@ def say_done(what: str, produced: str, seconds: float) -> None:
     from rich.text import Text
 
     console = Console(stderr=True)
-    if console.is_terminal:
+    if console.is_terminal and not quiet.get():
         console.print(Text.assemble(cell(what, "bold green"), cell(f": {produced}, took {seconds:.1f} s")))
 
 

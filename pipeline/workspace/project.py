@@ -18,7 +18,7 @@ from pipeline.formats.files.links import keep_inside
 from pipeline.formats.files.lock import held
 from pipeline.formats.files.parent_process import end_with_parent
 from pipeline.params import Params, Task
-from pipeline.terminal import say
+from pipeline.terminal import note
 from pipeline.workspace.outputs import output_hash
 from pipeline.workspace.progress import say_done
 
@@ -161,8 +161,8 @@ def recorded_run(project: Project, stage: str, task: str, writes: Sequence[Path]
         with written_whole(project.root / RUNS / f"{stage}@{task}.json") as stream:
             stream.write(json.dumps({**run.__dict__, "finished": time.time()}).encode())
     say_done(f"{stage} {task}", run.produced, run.seconds)
-    for note in run.notes:
-        say(f"{stage} {task}: {note}", error=True)
+    for remark in run.notes:
+        note(f"{stage} {task}: {remark}")
 
 
 def _keep_dvc_lock(project: Project) -> None:

@@ -17,7 +17,7 @@ from pipeline.errors import QueryError
 from pipeline.formats.duckdb.export import write_csv, write_json, write_parquet
 from pipeline.formats.duckdb.questions import CONTENTS, EXAMPLES, ask, asked
 from pipeline.formats.files.atomic import written_whole
-from pipeline.terminal import say, standard_output
+from pipeline.terminal import note, say, standard_output
 
 if TYPE_CHECKING:
     import polars as pl
@@ -150,7 +150,7 @@ def _say_which_tasks(catalog: Path, question: str) -> None:
         tasks = ask(catalog, "select distinct task from files where task is not null order by all")["task"].to_list()
         for task in asked_for:
             if task not in tasks:
-                say(f"the catalog has no task {task!r}; it has {', '.join(tasks) or 'none yet'}", error=True)
+                note(f"the catalog has no task {task!r}; it has {', '.join(tasks) or 'none yet'}")
 
 
 def _examples() -> list[str]:
