@@ -26,7 +26,7 @@ from pipeline.trajectories.samplers import Deformation, Draw, Planner, Sampler, 
 from pipeline.vocabulary import DEFORMATION, GIVEN, MIXTURE, PLANNER, TASK_ANCHOR, VIA_POINT, WORKING
 from pipeline.workspace.anchors import Ends, ends_of, shortened
 from pipeline.workspace.compute.executor import workers
-from pipeline.workspace.given import pool_of, read_given
+from pipeline.workspace.given import Given, pool_of, read_given
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
@@ -97,16 +97,19 @@ def run(project: Project, name: str) -> None:
         with OpenTable(project.table(name, "demonstrations"), "demonstrations") as source:
             ends = ends_of(scene, task, source.read())
         inputs: list[Path | OpenTable] = [*scene_files(scene.path), *own_kinds, source]
+        given = None
         if settings.given is not None:
-            inputs.append(project.path(settings.given))
-        stated = provenance(project, parameters("sample", name), inputs, model=model_hash(scene))
+            given = read_given(project.path(settings.given), scene, project.params.ingest.waypoints)
+            inputs.append(given.path)
+        read = {given.path: given.digest} if given else {}
+        stated = provenance(project, parameters("sample", name), inputs, model=model_hash(scene), hashes=read)
         tallies: dict[tuple[str, int, str], list[Tally]] = {}
         with (
             workers() as pool,
             table_writer(project.table(name, "alternatives"), "alternatives", stated) as writer,
             gathered(writer, partition) as table,
         ):
-            if settings.given is None:
+            if given is None:
                 preferences = json.dumps({key: dict(spec) for key, spec in task.preferences.items()})
                 jobs = [
                     Planned(one, preferences, settings, project.params.ingest.waypoints, project.params.seed)
@@ -117,7 +120,7 @@ def run(project: Project, name: str) -> None:
                 portions = _portions(project, ends, [samplers for samplers, _ in found])
                 drawn = pool.mapped(draw_portion, portions, f"sample {name}")
             else:
-                drawn = _given(project, scene, ends, record.notes)
+                drawn = _given(project, given, scene, ends, record.notes)
             for which, rows, counts in drawn:
                 table.add(rows)
                 tallies.setdefault(which, []).extend(counts)
@@ -233,10 +236,9 @@ def _short(waypoints: FloatArray) -> FloatArray:
     return waypoints.astype(np.float32).astype(np.float64)
 
 
-def _given(project: Project, scene: Scene, ends: Sequence[Ends], notes: list[str]) -> Iterator[Drawn]:
+def _given(project: Project, given: Given, scene: Scene, ends: Sequence[Ends], notes: list[str]) -> Iterator[Drawn]:
     """All sets, from the trajectories that are given; what is to be said of these is added to the notes."""
     settings, partition = project.params.sample, project.params.compute.partition
-    given = read_given(project.path(str(settings.given)), scene, project.params.ingest.waypoints)
     pools = [pool_of(given, one, scene, project.params.ingest) for one in ends]
     notes += shortened([*given.notes, *(note for pool in pools for note in pool.notes)])
     for (one, pool), (size, set_id) in product(zip(ends, pools, strict=True), _sets(settings)):

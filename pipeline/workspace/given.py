@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from pipeline.errors import StageError
-from pipeline.formats.parquet.tables import read_column
+from pipeline.formats.parquet.foreign_arrays import ForeignArrays, foreign_arrays
 from pipeline.params import Ingest
 from pipeline.replay.ends import distances
 from pipeline.replay.mechanism.limits import judge_positions
@@ -34,6 +33,7 @@ class Given:
 
     Attributes:
         path: the file.
+        digest: SHA-256 of the bytes that were read.
         waypoints: (P, T, J), unwrapped, on the branch of the scene's start; equal ones are equal in every bit. Sorted,
             so that the order in the file changes nothing.
         within: (P,) no joint is beyond its limits.
@@ -41,6 +41,7 @@ class Given:
     """
 
     path: Path
+    digest: str
     waypoints: FloatArray
     within: BoolArray
     notes: tuple[str, ...]
@@ -84,14 +85,21 @@ def read_given(path: Path, scene: Scene, waypoints: int) -> Given:
         StageError: the file cannot be read, its trajectories have another shape or are not finite, or most of them are
             beyond the joints' limits.
     """
-    paths = _shaped(path, read_column(path, COLUMN, NAMED_BY), waypoints, scene.joints)
+    with foreign_arrays(path, COLUMN, NAMED_BY) as column:
+        paths = _shaped(column, waypoints, scene.joints)
     turned, within, notes = _judged(path, paths, scene)
     reference = turned[0, 0] if scene.start is None else scene.start
     branched = np.stack([to_branch(unwrap(one, scene.continuous), reference, scene.continuous) for one in turned])
     same, repeated = _first_alike(branched)
     said = [f"{repeated} of {len(paths)} trajectories are the same as others"] if repeated else []
     order = np.lexsort(branched[same].reshape(len(paths), -1).T[::-1])
-    return Given(path, branched[same][order], within[order], tuple(f"{NAMED_BY}: {note}" for note in [*notes, *said]))
+    return Given(
+        path,
+        column.digest,
+        branched[same][order],
+        within[order],
+        tuple(f"{NAMED_BY}: {note}" for note in [*notes, *said]),
+    )
 
 
 def pool_of(given: Given, ends: Ends, scene: Scene, settings: Ingest) -> Pool:
@@ -122,34 +130,36 @@ def pool_of(given: Given, ends: Ends, scene: Scene, settings: Ingest) -> Pool:
     return Pool(rows, fates, notes)
 
 
-def _shaped(path: Path, rows: list[Any], waypoints: int, joints: tuple[str, ...]) -> FloatArray:
+def _shaped(column: ForeignArrays, waypoints: int, joints: tuple[str, ...]) -> FloatArray:
     """Values of the column as (P, T, J).
 
     Raises:
         StageError: they are not.
     """
-    expected = waypoints, len(joints)
+    path, expected, flat = column.path, (waypoints, len(joints)), (waypoints * len(joints),)
     needed = (
         f"needed are {waypoints} waypoints of {len(joints)} joints ({', '.join(joints)}), as {waypoints} lists of "
         f"{len(joints)} numbers or {waypoints * len(joints)} numbers in a row, waypoint after waypoint"
     )
-    if not rows:
-        raise StageError(f"{path}: has no rows; {needed}")
-    found = []
-    for number, row in enumerate(rows, 1):
-        try:
-            one = np.array(row, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise StageError(f"{path}: row {number} has no regular lists of numbers; {needed}") from None
-        if one.shape not in (expected, (waypoints * len(joints),)):
-            turned = "; it has joint after joint: transpose it" if one.shape == expected[::-1] else ""
-            shape = " x ".join(str(length) for length in one.shape) or "a single number"
-            raise StageError(f"{path}: row {number} is {shape}{turned}; {needed}")
-        if not np.isfinite(one).all():
+    found, nested = [], False
+    for rows in column.rows():
+        if rows.values is None:
+            raise StageError(f"{path}: row {rows.first} has no regular lists of numbers; {needed}")
+        shape = rows.values.shape[1:]
+        if shape not in (expected, flat):
+            turned = "; it has joint after joint: transpose it" if shape == expected[::-1] else ""
+            said = " x ".join(str(length) for length in shape)
+            raise StageError(f"{path}: row {rows.first} is {said}{turned}; {needed}")
+        finite = np.isfinite(rows.values).reshape(len(rows.values), -1).all(axis=1)
+        if not finite.all():
+            number = rows.first + int(finite.argmin())
             raise StageError(f"{path}: row {number} has a number that is not finite; {needed}")
-        found.append(one.reshape(expected))
-    paths = np.stack(found)
-    if np.ndim(rows[0]) == 1 and _rough(_other_order(paths)) * _SMOOTHER < _rough(paths):
+        nested |= shape == expected
+        found.append(rows.values.reshape(-1, *expected))
+    if not found:
+        raise StageError(f"{path}: has no rows; {needed}")
+    paths = np.concatenate(found)
+    if not nested and _rough(_other_order(paths)) * _SMOOTHER < _rough(paths):
         raise StageError(
             f"{path}: its rows are smooth if they are read joint after joint, as {len(joints)} x {waypoints}, and not "
             f"waypoint after waypoint; {needed}"

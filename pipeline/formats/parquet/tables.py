@@ -7,13 +7,12 @@ for how it is read.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING
 
-from pipeline.errors import StageError, TableError
+from pipeline.errors import TableError
 from pipeline.formats.files.atomic import written_whole
 from pipeline.formats.parquet.checked.conformance import CONTENT_KEY, PROVENANCE_KEY, SCHEMA_KEY, to_arrow
 from pipeline.formats.parquet.checked.content_digest import ContentDigest
@@ -134,34 +133,3 @@ def read_table(path: Path, name: str, columns: Sequence[str] | None = None) -> p
     with OpenTable(path, name) as table:
         rows = table.read()
     return rows if columns is None else rows.select(columns)
-
-
-def read_column(path: Path, name: str, named_by: str) -> list[Any]:
-    """The values of one column of a Parquet file of another program, which follows no schema.
-
-    Args:
-        path: of the file.
-        name: of the column.
-        named_by: the parameter that names the file, for messages.
-
-    Raises:
-        StageError: the file is missing or damaged, or has no such column.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        with pa.OSFile(os.fsencode(path)) as stream, pq.ParquetFile(stream) as file:
-            if name not in file.schema_arrow.names:
-                raise StageError(
-                    f"{path}: has no column `{name}`; it has {', '.join(file.schema_arrow.names)}; {named_by} names "
-                    "the file"
-                )
-            values: list[Any] = file.read(columns=[name]).column(name).to_pylist()
-    except FileNotFoundError:
-        raise StageError(f"{path}: there is no such file; {named_by} names it") from None
-    except (pa.ArrowException, OSError, ValueError, OverflowError, MemoryError) as error:
-        raise StageError(
-            f"{path}: cannot be read as Parquet ({' '.join(str(error).split())}); {named_by} names the file"
-        ) from None
-    return values
