@@ -34,6 +34,9 @@ app = typer.Typer(
     "checked is not sound, with one sentence why; 2 the command line is wrong.\n\n"
     "Example: `lessbench --install-completion` makes Tab complete commands and tasks.",
 )
+COMPUTING = {command.callback.__name__ for command in stages.commands.registered_commands if command.callback} | {
+    "run", "verify", "watch"
+}  # fmt: skip
 app.add_typer(setup.commands)
 app.add_typer(imports.commands, name="import", rich_help_panel=BRING)
 app.add_typer(results.commands)
@@ -48,6 +51,7 @@ def _say_version(asked: bool) -> None:
 
 @app.callback()
 def options(
+    context: typer.Context,
     overlay: Annotated[
         Path | None, typer.Option(metavar="FILE", help="YAML with the parameters that are different from params.yaml.")
     ] = None,
@@ -71,6 +75,8 @@ def options(
     terminal.quiet.set(quiet)
     if scheduler is not None:
         os.environ[SCHEDULER] = scheduler
+    if context.invoked_subcommand in COMPUTING:
+        shared.require_memory()
 
 
 def main() -> None:

@@ -2,19 +2,35 @@
 
 from __future__ import annotations
 
+import os
 from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.errors import WorkbenchError
+from pipeline.errors import StageError, WorkbenchError
 from pipeline.vocabulary import STUDIES
 
 if TYPE_CHECKING:
     from pipeline.workspace.project import Project
 
+# of address space, most of it never used: with 2 cores stages begin from 3.0 GB on
+LEAST_ADDRESS_SPACE_BYTES, PER_CORE_BYTES = 3 << 30, 128 << 20
 overlay: ContextVar[Path | None] = ContextVar("overlay", default=None)
+
+
+def require_memory() -> None:
+    """Refuse to compute where the libraries and their threads cannot even begin, whatever they would say of it.
+
+    Raises:
+        StageError: the limit on the memory of a program is too low.
+    """
+    from pipeline.machine_memory import too_little
+
+    needed = LEAST_ADDRESS_SPACE_BYTES + (os.cpu_count() or 1) * PER_CORE_BYTES
+    if lacking := too_little(needed, 0, "a stage"):
+        raise StageError(f"there is too little memory here to compute ({lacking}); raise the limit and run it again")
 
 
 def this_project() -> Project:

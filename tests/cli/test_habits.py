@@ -1,6 +1,8 @@
 """What people expect of any command line: `--version`, `-h`, `--quiet`, `--json`, and a hint for a mistyped name."""
 
 import json
+import subprocess
+import sys
 from importlib.metadata import version
 
 import pytest
@@ -60,3 +62,19 @@ def test_quiet_leaves_notes_out(capsys):
 
     note("odd")
     assert capsys.readouterr().err == "odd\n"
+
+
+@pytest.mark.parametrize("megabytes", [700, 1200, 2500])
+@pytest.mark.parametrize("command", ["sample sweep", "infer sweep", "run sweep"])
+def test_with_too_little_memory_a_stage_says_so_at_once(make_project, parameters, command, megabytes):
+    project = make_project(parameters)
+    lessbench = f"ulimit -v {megabytes * 1024}; exec {sys.executable} -m pipeline {command}"
+
+    done = subprocess.run(["bash", "-c", lessbench], cwd=project.root, capture_output=True, text=True, timeout=60)
+
+    assert done.returncode == 1
+    assert done.stderr.startswith(
+        "lessbench: there is too little memory here to compute (the limit on the memory of a program (`ulimit -v`) is "
+        f"{megabytes:,} MB, and a stage needs "
+    )
+    assert done.stderr.count("\n") == 1

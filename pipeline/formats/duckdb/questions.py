@@ -16,7 +16,7 @@ import pipeline
 from pipeline.errors import QueryError
 from pipeline.formats.duckdb import query_process
 from pipeline.formats.duckdb.database_file import readable_database
-from pipeline.formats.duckdb.memory import too_little
+from pipeline.machine_memory import too_little
 
 if TYPE_CHECKING:
     import polars as pl
@@ -26,6 +26,7 @@ Found = TypeVar("Found")
 TIME_LIMIT_S = 60.0
 QUESTION_CHARACTERS = 1_000_000
 LEAST_ADDRESS_SPACE_BYTES = 5 << 29  # with less, the libraries that answer a question do not even begin
+_WHO = "a question"
 ANSWER_BYTES = 256 << 20  # of an answer that is held in memory
 CONTENTS = """select table_name as name, 'table' as kind, comment as "what it holds" from duckdb_tables()
     union all select view_name, 'view', comment from duckdb_views() where not internal order by kind desc, name"""
@@ -90,7 +91,7 @@ def asked(path: Path, sql: str, time_limit_s: float = TIME_LIMIT_S) -> Iterator[
     if len(sql) > QUESTION_CHARACTERS:
         raise QueryError(f"the question has {len(sql):,} characters, allowed are {QUESTION_CHARACTERS:,}; ask for less")
     if (
-        lacking := too_little(LEAST_ADDRESS_SPACE_BYTES, 0)
+        lacking := too_little(LEAST_ADDRESS_SPACE_BYTES, 0, _WHO)
     ) is not None:  # libraries would end the program without a word
         raise QueryError(_too_little(lacking))
     import pyarrow as pa
@@ -202,7 +203,7 @@ class _AtWork:
 
 def _without_memory(status: int) -> str:
     """What to say of a process that memory ran out for, or that DuckDB ended without a word."""
-    lacking = too_little(query_process.ADDRESS_SPACE_BYTES, query_process.RESIDENT_BYTES)
+    lacking = too_little(query_process.ADDRESS_SPACE_BYTES, query_process.RESIDENT_BYTES, _WHO)
     if lacking is None and status == -signal.SIGKILL:  # not by us: the system ends programs when memory is scarce
         lacking = "the system ended the question"
     if lacking is not None:

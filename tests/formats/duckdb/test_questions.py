@@ -14,8 +14,9 @@ from pathlib import Path
 import duckdb
 import pytest
 
+from pipeline import machine_memory as memory
 from pipeline.errors import QueryError
-from pipeline.formats.duckdb import memory, query_process, questions
+from pipeline.formats.duckdb import query_process, questions
 from pipeline.formats.duckdb.questions import ask, asked
 
 
@@ -139,7 +140,7 @@ def test_what_is_lacking_is_named(
 ) -> None:
     for name, value in (("_limit", limit), ("_free", free), ("_left_to_container", left)):
         monkeypatch.setattr(memory, name, lambda value=value: value)
-    found = memory.too_little(4 << 30, 1 << 30)
+    found = memory.too_little(4 << 30, 1 << 30, "a question")
     assert found is None if said is None else said in str(found)
 
 

@@ -1,4 +1,4 @@
-"""Whether this machine has the memory that a question may take, so that a question is not blamed for what it lacks."""
+"""Whether this machine has the memory that something takes, so that nothing else is blamed for what it lacks."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from pathlib import Path
 _GROUP = Path("/sys/fs/cgroup")  # a container's limits, where the system is Linux
 
 
-def too_little(address_space: int, resident: int) -> str | None:
+def too_little(address_space: int, resident: int, who: str) -> str | None:
     """What this machine lacks for a process, in words; None if nothing is lacking as far as is known.
 
     Args:
         address_space: bytes that the process may reserve.
         resident: bytes of these that it may use.
+        who: what needs it, for the words.
     """
     for what, there, needed in (
         ("the limit on the memory of a program (`ulimit -v`)", _limit(), address_space),
@@ -21,7 +22,7 @@ def too_little(address_space: int, resident: int) -> str | None:
         ("what is left to this container", _left_to_container(), resident),
     ):
         if there is not None and there < needed:
-            return f"{what} is {there / (1 << 20):,.0f} MB, and a question needs up to {needed / (1 << 20):,.0f} MB"
+            return f"{what} is {there / (1 << 20):,.0f} MB, and {who} needs {needed / (1 << 20):,.0f} MB"
     return None
 
 
