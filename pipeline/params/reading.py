@@ -120,6 +120,8 @@ def _sentence(error: ValidationError) -> str:
     errors = sorted(error.errors(include_url=False), key=lambda e: e["type"] != "extra_forbidden")
     first = errors[0]
     location = _location(first["loc"])
+    if first["type"] == "extra_forbidden":  # its name is the user's, whatever is in it
+        location = [*_location(first["loc"][:-1]), first["loc"][-1]]
     place = ".".join(str(part) for part in location)
     if first["type"] == "extra_forbidden":
         return f"there is no parameter {place!r}; {_nearest(location)}"

@@ -167,7 +167,7 @@ def bits_flipped_under_checksums(rng: Rng) -> tuple[bytes, set[str]]:
     at = int(rng.integers(8 * len(content)))
     changed = bytearray(content)
     changed[at // 8] ^= 1 << (at % 8)
-    return bytes(changed), CUT | {"corrupt", "not-mcap", "too-large", "unsupported-compression"}
+    return bytes(changed), CUT | {"corrupt", "not-mcap", "too-large", "unsupported-compression", "unsupported-encoding"}
 
 
 def bits_flipped_without_checksums(rng: Rng) -> bytes:
@@ -512,6 +512,55 @@ def drivers_on_one_topic(rng: Rng) -> bytes:
     return _file(rng, schema_record(), channel_record(), channel_record(2, topic="/other_arm"), *out)
 
 
+def schema_text_that_lies(rng: Rng) -> bytes:
+    """Lines of the schema's text left out, doubled, exchanged or of another type; other encodings; no text."""
+    lines = SCHEMA.splitlines()
+    for _ in range(int(rng.integers(1, 4))):
+        one, other = (int(rng.integers(len(lines))) for _ in range(2))
+        action = int(rng.integers(5))
+        if action == 0 and len(lines) > 1:
+            del lines[one]
+        elif action == 1:
+            lines.insert(other, lines[one])
+        elif action == 2:
+            lines[one], lines[other] = lines[other], lines[one]
+        elif action == 3:
+            lines[one] = lines[one].replace(b"float64", rng.choice([b"float32", b"string", b"uint8"]))
+        else:
+            lines[one] = rng.bytes(int(rng.integers(0, 40)))
+    written = b"" if rng.integers(8) == 0 else b"\n".join(lines)
+    language = str(rng.choice(["ros2msg"] * 5 + ["ros1msg", "ros2idl", "protobuf", "jsonschema", ""]))
+    encoding = str(rng.choice(["cdr"] * 5 + ["ros1", "json", "protobuf", ""]))
+    named = struct.pack("<H", 1) + text(JOINT_STATE) + text(language) + struct.pack("<I", len(written)) + written
+    channel = struct.pack("<HH", 1, 1) + text("/arm") + text(encoding) + struct.pack("<I", 0)
+    return _file(rng, record(3, named), record(4, channel), *_messages(_payloads(rng, 40)))
+
+
+def records_behind_the_data(rng: Rng) -> tuple[bytes, set[str]]:
+    """Messages, chunks or whole files behind the end of the data section."""
+    behind = [
+        b"".join(_messages(_payloads(rng, 9))), _plain_chunk(b"".join(_messages(_payloads(rng, 9)))),
+        record(DATA_END, bytes(4)), record(METADATA, text("demonstration") + struct.pack("<I", 0)),
+        record(HEADER, text("ros2") + text("test")), _attachment(b"x"), record(7, bytes(6)),
+    ]  # fmt: skip
+    messages = _messages(_payloads(rng, 40))
+    extra = behind[int(rng.integers(len(behind)))]
+    return file_of(schema_record(), channel_record(), *messages, statistics=extra), {"corrupt"}
+
+
+def attachments_that_lie(rng: Rng) -> bytes:
+    """Attachments whose lengths or checksum are wrong by chance."""
+    data = bytearray(_attachment(rng.bytes(int(rng.integers(0, 300)))))
+    for _ in range(int(rng.integers(0, 3))):
+        data[int(rng.integers(9, len(data)))] ^= 1 << int(rng.integers(8))
+    return file_of(schema_record(), channel_record(), bytes(data), *_messages(_payloads(rng, 40)))
+
+
+def _attachment(data: bytes) -> bytes:
+    body = bytes(16) + text("photo") + text("image/png") + struct.pack("<Q", len(data)) + data
+    return record(9, body + struct.pack("<I", zlib.crc32(body)))
+
+
 # Heavy kinds: what asks for more than it may have.
 
 
@@ -639,6 +688,7 @@ LIGHT: dict[str, Callable[[Rng], Any]] = {
         two_billion_of_something, numbers_that_are_none, times_that_are_none, texts_that_do_harm,
         metadata_that_does_harm,
         records_shuffled, records_of_noise, files_put_together, drivers_on_one_topic,
+        schema_text_that_lies, records_behind_the_data, attachments_that_lie,
     )
 }  # fmt: skip
 HEAVY: dict[str, Callable[[Rng], Any]] = {

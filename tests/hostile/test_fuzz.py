@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests.hostile import fuzz_files
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -27,6 +29,13 @@ def test_hostile_recordings_end_as_a_demonstration_or_with_a_reason() -> None:
     )
     assert found["with_salvage"]["salvaged"] > 10
     assert found["worst_megabytes"] < 1000
+
+
+def test_hostile_tables_names_and_parameters_end_as_promised() -> None:
+    found = fuzz_files.run(range(5_000, 5_220))
+    assert found.failures == []
+    assert set(found.by_kind) == set(fuzz_files.KINDS)
+    assert sum(sum(endings.values()) for endings in found.by_kind.values()) == 220
 
 
 def test_a_case_can_be_replayed_by_its_number() -> None:

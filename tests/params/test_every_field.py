@@ -136,3 +136,9 @@ def test_yaml_that_means_harm_ends_in_one_sentence(tmp_path: Path, case: str) ->
         load(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["$(id)", "`", "", " ", "a\nb", "\x1b[2J", "☃", "a.b", "-"])
+def test_a_key_that_is_no_word_is_named_as_it_is(key: str) -> None:
+    assert f"there is no parameter {key!r}" in refusal(DOCUMENT | {key: 1})
+    assert f"there is no parameter {'infer.' + key!r}" in refusal(DOCUMENT | {"infer": DOCUMENT["infer"] | {key: 1}})

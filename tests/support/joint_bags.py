@@ -16,6 +16,10 @@ MAGIC = b"\x89MCAP0\r\n"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 SCHEMA = (Path(__file__).parents[2] / "schemas/joint_state.ros2msg").read_bytes()
 
+ROS1_SCHEMA = SCHEMA.partition(b"====")[0].replace(b"std_msgs/Header header", b"Header header") + (
+    b"=" * 80 + b"\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+)
+
 
 def payload(
     names: Sequence[str],
@@ -63,7 +67,8 @@ def write_bag(
     with path.open("wb") as stream:
         writer = Writer(stream, compression=compression, **options)
         writer.start("ros2", "test")
-        schema_id = writer.register_schema(schema, "ros2msg", SCHEMA)
+        ros1 = encoding == "ros1"
+        schema_id = writer.register_schema(schema, "ros1msg" if ros1 else "ros2msg", ROS1_SCHEMA if ros1 else SCHEMA)
         channels: dict[str, int] = {}
         for topic, log_ns, data in messages:
             if topic not in channels:

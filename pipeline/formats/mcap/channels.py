@@ -13,7 +13,9 @@ from mcap.records import Channel, Header, Metadata, Schema
 from numpy.lib.stride_tricks import sliding_window_view
 
 from pipeline.arrays import ByteArray, IntArray
+from pipeline.errors import RecordingError
 from pipeline.formats.mcap.container import FRAME, CutOff, parse, scan
+from pipeline.formats.mcap.declared_layout import Declared, declared
 from pipeline.formats.mcap.joint_state_cdr import ENCODINGS, JointBlock, decode_joint_states
 from pipeline.formats.mcap.limits import Limits, Meter
 from pipeline.formats.mcap.rejection_reasons import rejection
@@ -25,7 +27,7 @@ _PAYLOAD_AT = FRAME.size + _MESSAGE_HEAD
 _CHANNEL_ID = struct.Struct("<H")
 _MESSAGE_COUNT = struct.Struct("<Q")
 _DECODED_BYTES = 8 << 20  # of messages that are decoded together
-_LAYOUT_STEPS, _MAP_ENTRY_BYTES = 40, 8
+_LAYOUT_STEPS, _MAP_ENTRY_BYTES, _TEXT_BYTES = 40, 8, 16
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,16 @@ class LoggedBlock:
 
 @dataclass
 class ChannelContents:
-    """One channel as far as it was read; `blocks` stays empty unless it carries joint states."""
+    """One channel as far as it was read; `blocks` stays empty unless it carries joint states.
+
+    `layout` is what its schema declares, `refused` why a channel of that name cannot be read; else both are None.
+    """
 
     topic: str
     schema: str
     encoding: str
+    layout: Declared | None = None
+    refused: RecordingError | None = None
     messages: int = 0
     first_log_ns: int = 0
     last_log_ns: int = 0
@@ -59,8 +66,8 @@ class ChannelContents:
 
     @property
     def has_joint_states(self) -> bool:
-        """Whether its messages are JointState in an encoding that can be read."""
-        return self.schema in JOINT_STATE_SCHEMAS and self.encoding in ENCODINGS
+        """Whether its messages are JointState, in an encoding and with fields that can be read."""
+        return self.layout is not None
 
 
 @dataclass
@@ -82,7 +89,7 @@ class Contents:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     cut: CutOff | None = None
     sha256: str = ""
-    _schemas: dict[int, str] = field(default_factory=dict)
+    _schemas: dict[int, Schema] = field(default_factory=dict)
     _declared: dict[tuple[int, int], bytes] = field(default_factory=dict)
     _stated: int | None = None
     _place: int = 0
@@ -153,7 +160,9 @@ class Contents:
         for start in range(0, len(at), together):
             part = slice(start, start + together)
             payloads = sliding_window_view(view, stride)[at[part]][:, _PAYLOAD_AT:]
-            for rows, states in decode_joint_states(payloads, channel.encoding):
+            layout = channel.layout or Declared()
+            states_of = decode_joint_states(payloads, channel.encoding, len(layout.arrays), layout.position)
+            for rows, states in states_of:
                 meter.step(_LAYOUT_STEPS + len(states.names))
                 meter.hold(states.positions.size)
                 place = self._place + at[part][rows]
@@ -197,7 +206,9 @@ class Contents:
         meter.step(_LAYOUT_STEPS)
         if opcode == Opcode.SCHEMA:
             schema = parse(Schema.read, body)
-            self._schemas[schema.id] = schema.name
+            if schema.id == 0:
+                raise rejection("corrupt", "A schema has the id 0, which stands for none.")
+            self._schemas[schema.id] = schema
         else:
             meter.step(len(body) // _MAP_ENTRY_BYTES)
             channel = parse(Channel.read, body)
@@ -206,9 +217,20 @@ class Contents:
                     "corrupt",
                     f"Topic {channel.topic} uses the undeclared schema {channel.schema_id}.",
                 )
-            schema_name = self._schemas.get(channel.schema_id, "")
-            self.channels[channel.id] = ChannelContents(channel.topic, schema_name, channel.message_encoding)
+            self.channels[channel.id] = _channel(channel, self._schemas.get(channel.schema_id), meter)
         self._declared[key] = body
+
+
+def _channel(channel: Channel, schema: Schema | None, meter: Meter) -> ChannelContents:
+    """What is known of a channel before its messages."""
+    found = ChannelContents(channel.topic, "" if schema is None else schema.name, channel.message_encoding)
+    if schema is not None and schema.name in JOINT_STATE_SCHEMAS and channel.message_encoding in ENCODINGS:
+        meter.step(len(schema.data) // _TEXT_BYTES)
+        try:
+            found.layout = declared(channel.topic, channel.message_encoding, schema.encoding, schema.data)
+        except RecordingError as error:
+            found.refused = error
+    return found
 
 
 def _log_times(channel: ChannelContents, view: ByteArray, at: IntArray) -> IntArray:

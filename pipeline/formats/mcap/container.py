@@ -28,6 +28,10 @@ from pipeline.formats.mcap.rejection_reasons import Reason, rejection
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")  # opcode, length of the body
 _CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_DATA_ALONE = (
+    Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END
+)  # fmt: skip
+_ATTACHMENT_TIMES, _TEXT_LENGTH, _DATA_LENGTH, _CRC = 16, struct.Struct("<I"), struct.Struct("<Q"), struct.Struct("<I")
 _LOOSE_BLOCK_BYTES = 1 << 20
 _REST_BYTES = 1 << 20
 _RECORD_STEPS, _CHUNK_STEPS = 4, 40
@@ -83,13 +87,17 @@ def scan(path: Path, meter: Meter, digest: Digest | None = None) -> Iterator[tup
         raise rejection("unreadable", f"{path} is not a regular file; give an .mcap file.")
     try:
         with path.open("rb") as file:
-            stream = file if digest is None else _Digesting(file, digest)
-            walk = _Walk(stream, os.fstat(file.fileno()).st_size, meter)
+            stream, size = file if digest is None else _Digesting(file, digest), os.fstat(file.fileno()).st_size
+            if size > meter.limits.stored_bytes:
+                raise rejection(
+                    "too-large", f"The file has {size} bytes, at most {meter.limits.stored_bytes} are read; {FILTER}."
+                )
+            walk = _Walk(stream, size, meter)
             try:
                 yield from walk.records()
                 walk.end()
             except CutOff:
-                while stream.read(_REST_BYTES):
+                while stream.tell() < size and stream.read(_REST_BYTES):
                     pass
                 raise
     except OSError as error:
@@ -158,14 +166,24 @@ class _Walk:
                 cut.in_data, cut.unchecked = self._in_data, self._unchecked if self._in_data else 0
                 raise
             self._meter.step(_RECORD_STEPS)
-            if first and opcode != Opcode.HEADER:
-                raise rejection(
-                    "corrupt", f"The file starts with a record of type {opcode} where the header should be."
-                )
+            self._require_order(opcode, first)
             if opcode not in _CONTENT or len(self._loose) >= _LOOSE_BLOCK_BYTES:
                 yield from self._loose_block()
             yield from self._taken(frame, opcode, body)
             self._check(frame, opcode, body)
+
+    def _require_order(self, opcode: int, first: bool) -> None:
+        """Refuse records where the format has none: what they hold would be read by some programs and not by others."""
+        if first and opcode != Opcode.HEADER:
+            raise rejection("corrupt", f"The file starts with a record of type {opcode} where the header should be.")
+        if not first and opcode == Opcode.HEADER:
+            raise rejection("corrupt", "The file has a second header; it was put together from several files.")
+        if not self._in_data and opcode in _DATA_ALONE:
+            raise rejection(
+                "corrupt",
+                f"The file has a {Opcode(opcode).name.lower().replace('_', ' ')} record behind the end of its data "
+                "section, where other programs do not look; it was put together from several files, so use those.",
+            )
 
     def end(self) -> None:
         """Refuse a file that ends otherwise than with its data section closed and the magic."""
@@ -187,6 +205,8 @@ class _Walk:
         elif opcode in _CONTENT and self._in_data:
             self._loose += frame + body
             self._unchecked += len(frame) + len(body)
+        elif opcode == Opcode.ATTACHMENT:
+            _check_attachment(body)
         elif opcode in (Opcode.HEADER, Opcode.METADATA, Opcode.STATISTICS):
             yield opcode, body
 
@@ -205,6 +225,18 @@ class _Walk:
         if opcode == Opcode.FOOTER:
             match_crc("summary", parse(Footer.read, body).summary_crc, zlib.crc32(frame + body[:16], self._crc))
         self._crc = zlib.crc32(body, zlib.crc32(frame, self._crc))
+
+
+def _check_attachment(body: bytes) -> None:
+    """Refuse an attachment whose lengths or checksum are wrong; what is in it is not looked at."""
+    at = _ATTACHMENT_TIMES
+    for width in (_TEXT_LENGTH, _TEXT_LENGTH, _DATA_LENGTH):  # name, media type, data
+        if at + width.size > len(body):
+            raise rejection("corrupt", "An attachment is shorter than its own fields.")
+        at += width.size + width.unpack_from(body, at)[0]
+    if at + _CRC.size != len(body):
+        raise rejection("corrupt", f"An attachment has {len(body)} bytes where its fields take {at + _CRC.size}.")
+    match_crc("attachment", _CRC.unpack_from(body, at)[0], zlib.crc32(memoryview(body)[:at]))
 
 
 def _record(file: BinaryIO | _Digesting, size: int, limits: Limits) -> tuple[bytes, int, bytes]:

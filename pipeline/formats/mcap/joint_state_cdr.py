@@ -61,7 +61,8 @@ _ROS1 = _Wire("<", aligned=False, closed=False, fixed=0)
 class _Layout:
     wire: _Wire
     names: tuple[str, ...]
-    arrays: tuple[tuple[int, int], ...]  # start, count of position, velocity, effort
+    arrays: tuple[tuple[int, int], ...]  # start, count of position, velocity, effort, in the order of the schema
+    position: int  # which of them that is
 
     def fixed(self) -> tuple[slice, ...]:
         """The bytes that make the layout what it is: all but the stamp and the numbers."""
@@ -71,12 +72,16 @@ class _Layout:
         return (slice(0, self.wire.fixed), *(slice(start, stop) for start, stop in spans))
 
 
-def decode_joint_states(payloads: ByteArray, encoding: str = "cdr") -> Iterator[tuple[IndexArray, JointBlock]]:
+def decode_joint_states(
+    payloads: ByteArray, encoding: str = "cdr", arrays: int = 3, position: int = 0
+) -> Iterator[tuple[IndexArray, JointBlock]]:
     """Decode messages of equal length, all that share a layout in one step.
 
     Args:
         payloads: (k, n) bytes, one message a row.
         encoding: one of `ENCODINGS`.
+        arrays: how many arrays of float64 follow the names, by the schema.
+        position: which of them has the positions.
 
     Yields:
         The rows each block holds, ascending, and the block; messages without positions give a block of no joints.
@@ -89,13 +94,13 @@ def decode_joint_states(payloads: ByteArray, encoding: str = "cdr") -> Iterator[
         if not len(rest):
             return
         rows = payloads[rest]
-        layout = _layout(rows[0].tobytes(), encoding)
+        layout = _layout(rows[0].tobytes(), encoding, arrays, position)
         same = np.logical_and.reduce([(rows[:, span] == rows[0, span]).all(axis=1) for span in layout.fixed()])
         yield rest[same], _block(rows[same], layout)
         rest = rest[~same]
     # a bag has a layout per driver; looking for the mates of each message would be quadratic where every one differs
     for row in rest[:, None]:
-        yield row, _block(payloads[row], _layout(payloads[row].tobytes(), encoding))
+        yield row, _block(payloads[row], _layout(payloads[row].tobytes(), encoding, arrays, position))
 
 
 def _block(payloads: ByteArray, layout: _Layout) -> JointBlock:
@@ -104,7 +109,7 @@ def _block(payloads: ByteArray, layout: _Layout) -> JointBlock:
         return np.ascontiguousarray(payloads[:, start : start + count * dtype.itemsize]).view(dtype)
 
     seconds, nanoseconds = numbers(_HEADER, 1, "i4"), numbers(_HEADER + 4, 1, "u4")
-    start, count = layout.arrays[0]
+    start, count = layout.arrays[layout.position]
     positions = numbers(start, count, "f8") if count else np.empty((len(payloads), 0))
     return JointBlock(
         stamp_ns=(seconds.astype(np.int64) * 1_000_000_000 + nanoseconds)[:, 0],
@@ -113,14 +118,14 @@ def _block(payloads: ByteArray, layout: _Layout) -> JointBlock:
     )
 
 
-def _layout(payload: bytes, encoding: str) -> _Layout:
+def _layout(payload: bytes, encoding: str, count_of_arrays: int, position: int) -> _Layout:
     if len(payload) < _HEADER:
         raise rejection("corrupt", f"A JointState message has {len(payload)} bytes, too few for any message.")
     wire = _ROS1 if encoding == "ros1" else _cdr(payload)
     try:
         at, names = _names(payload, wire)
         arrays = []
-        for _ in range(3):
+        for _ in range(count_of_arrays):
             at, count = _count(payload, wire, at)
             start = wire.start(at, 8) if count else at
             at = start + 8 * count
@@ -129,12 +134,12 @@ def _layout(payload: bytes, encoding: str) -> _Layout:
         raise rejection("corrupt", "A JointState message is shorter than it states, or a name is not text.") from error
     if at > len(payload):
         raise rejection("corrupt", f"A JointState message states {at} bytes and has {len(payload)}.")
-    positions = arrays[0][1]
+    positions = arrays[position][1]
     if positions not in (0, len(names)):
         raise rejection("corrupt", f"A JointState message has {len(names)} names for {positions} positions.")
     if len(set(names)) < len(names):
         raise rejection("corrupt", f"A JointState message names a joint twice among {names[:8]}.")
-    return _Layout(wire, names, tuple(arrays))
+    return _Layout(wire, names, tuple(arrays), position)
 
 
 def _cdr(payload: bytes) -> _Wire:

@@ -267,7 +267,8 @@ def _joint_recording(
         if channel.has_joint_states:
             by_topic.setdefault(channel.topic, []).extend(channel.blocks)
     if not by_topic or (topic is not None and topic not in by_topic):
-        raise _no_joint_states(contents, topic)
+        refused = [channel.refused for channel in contents.channels.values() if topic in (None, channel.topic)]
+        raise next(filter(None, refused), None) or _no_joint_states(contents, topic)
     choice = choose_topic(by_topic, joints) if topic is None else Choice(topic)
     blocks = [block for block in by_topic[choice.topic] if block.states.names]
     if not blocks:
@@ -288,10 +289,16 @@ def _joint_recording(
         metadata=contents.metadata,
         clock=found.clock,
         dropped=found.dropped,
-        remarks=(*([choice.remark] if choice.remark else []), *found.remarks),
+        remarks=(*([choice.remark] if choice.remark else []), *_of_schemas(contents, choice.topic), *found.remarks),
         hashes={path: contents.sha256},
         lost=_lost(contents),
     )
+
+
+def _of_schemas(contents: Contents, topic: str) -> list[str]:
+    """What is to be said of the schemas of a topic's channels."""
+    layouts = [channel.layout for channel in contents.channels.values() if channel.topic == topic]
+    return list(dict.fromkeys(layout.said for layout in layouts if layout is not None and layout.said))
 
 
 def _no_joint_states(contents: Contents, topic: str | None) -> RecordingError:

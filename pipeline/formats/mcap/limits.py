@@ -14,6 +14,7 @@ class Limits:
     """What reading one file may cost.
 
     Attributes:
+        stored_bytes: longest file, which is read to its end for its checksum, holes in it included.
         record_bytes: longest record, as stored.
         chunk_bytes: longest chunk, inflated.
         total_bytes: all chunks and loose records together, inflated.
@@ -25,6 +26,7 @@ class Limits:
             new layout of messages about as many as the time it takes.
     """
 
+    stored_bytes: int = 1 << 30
     record_bytes: int = 64 << 20
     chunk_bytes: int = 64 << 20
     total_bytes: int = 1 << 30

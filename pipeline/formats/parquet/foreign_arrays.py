@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pipeline.errors import StageError
+from pipeline.formats.parquet.measured import measured
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -99,7 +100,7 @@ def foreign_arrays(path: Path, column: str, named_by: str) -> Iterator[ForeignAr
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
         stream.seek(0)
         with _one_sentence(path), pq.ParquetFile(pa.PythonFile(stream, mode="r")) as file:
-            _check(path, file, column, named_by)
+            _check(path, file, column, named_by, stream.fileno())
             yield ForeignArrays(path, file, column, digest)
         if _state(stream) != before:
             raise StageError(f"{path}: was changed while it was read; run it again once it is complete")
@@ -140,7 +141,7 @@ def _state(stream: BufferedReader) -> tuple[int, ...]:
     return about.st_size, about.st_mtime_ns
 
 
-def _check(path: Path, file: pq.ParquetFile, column: str, named_by: str) -> None:
+def _check(path: Path, file: pq.ParquetFile, column: str, named_by: str, descriptor: int) -> None:
     """What the end of the file says, before any value is decoded."""
     about = file.metadata
     if about.num_columns > MOST_COLUMNS or about.num_row_groups > MOST_GROUPS:
@@ -157,13 +158,13 @@ def _check(path: Path, file: pq.ParquetFile, column: str, named_by: str) -> None
     if about.num_rows and not _holds_numbers(file.schema_arrow.field(column).type):
         kind = str(file.schema_arrow.field(column).type)[:100]
         raise StageError(f"{path}: row 1: the column `{column}` has cells of type {kind}; lists of numbers are needed")
-    leaves = [place for place in range(about.num_columns) if file.schema.column(place).path.split(".")[0] == column]
-    parts = [about.row_group(number).column(place) for number in range(about.num_row_groups) for place in leaves]
-    numbers, size = sum(part.num_values for part in parts), sum(part.total_uncompressed_size for part in parts)
-    if about.num_rows > MOST_ROWS or numbers > MOST_NUMBERS or size > 16 * MOST_NUMBERS:
+    stated = measured(descriptor, column)
+    if stated is None:
+        raise StageError(f"{path}: cannot be read as Parquet (its end is damaged); {named_by} names the file")
+    if about.num_rows > MOST_ROWS or stated.numbers > MOST_NUMBERS or stated.size > 16 * MOST_NUMBERS:
         raise StageError(
-            f"{path}: says that it holds {about.num_rows:,} rows with {numbers:,} numbers in {size:,} bytes; at most "
-            f"{MOST_ROWS:,} rows with {MOST_NUMBERS:,} numbers are read; give fewer trajectories"
+            f"{path}: says that it holds {about.num_rows:,} rows with {stated.numbers:,} numbers in {stated.size:,} "
+            f"bytes; at most {MOST_ROWS:,} rows with {MOST_NUMBERS:,} numbers are read; give fewer trajectories"
         )
 
 

@@ -338,3 +338,57 @@ def test_a_salvage_says_what_no_checksum_covers_and_that_a_cut_behind_the_messag
     whole = read_joint_states(path, salvage=True)
     assert len(whole.time_ns) == 4
     assert whole.lost == "No message: the file breaks off after the last of them."
+
+
+def test_a_file_with_holes_is_refused_by_its_length_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "holes.mcap"
+    with path.open("wb") as stream:
+        stream.write(file_of(*DECLARED, *MESSAGES)[:-45] + struct.pack("<BQ", 9, 1 << 50))
+        stream.truncate(20 << 30)
+
+    assert outcome(path) == "too-large"
+
+
+def attachment(data: bytes, crc: int | None = None, **lies: int) -> bytes:
+    length = lies.get("length", len(data))
+    body = bytes(16) + text("photo") + text("image/png") + struct.pack("<Q", length) + data
+    return record(9, body + struct.pack("<I", zlib.crc32(body) if crc is None else crc))
+
+
+@pytest.mark.parametrize("data", [b"", b"x" * 1000])
+def test_an_attachment_that_is_whole_changes_nothing(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "a.mcap"
+    for content in (attachment(data), attachment(data, crc=0)):
+        path.write_bytes(file_of(*DECLARED, *MESSAGES, content))
+        assert read_joint_states(path).positions[:, 0].tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        attachment(b"x" * 9, crc=1), attachment(b"x" * 9, length=8), attachment(b"x" * 9, length=1 << 62),
+        record(9, bytes(16)), record(9, b""), attachment(b"x") [:-1] + b"!",
+    ],
+)  # fmt: skip
+def test_an_attachment_that_contradicts_itself_is_corrupt(tmp_path: Path, content: bytes) -> None:
+    assert reason_of(tmp_path, file_of(*DECLARED, *MESSAGES, content)) == "corrupt"
+
+
+END = record(15, bytes(4))
+
+
+@pytest.mark.parametrize(
+    "behind",
+    [
+        END, MESSAGES[0], plain_chunk(*MESSAGES[2:]), attachment(b""), record(12, text("a") + struct.pack("<I", 0)),
+        record(7, bytes(6)), record(1, text("ros2") + text("test")), schema_record() + MESSAGES[3],
+    ],
+)  # fmt: skip
+def test_what_stands_behind_the_end_of_the_data_is_refused(tmp_path: Path, behind: bytes) -> None:
+    assert reason_of(tmp_path, file_of(*DECLARED, *MESSAGES[:2], statistics=behind)) == "corrupt"
+    assert reason_of(tmp_path, file_of(*DECLARED, *MESSAGES[:2], END, *MESSAGES[2:])) == "corrupt"
+
+
+def test_two_headers_are_refused(tmp_path: Path) -> None:
+    again = record(1, text("ros2") + text("test"))
+    assert reason_of(tmp_path, file_of(*DECLARED, *MESSAGES, again)) == "corrupt"

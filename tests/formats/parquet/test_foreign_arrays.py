@@ -15,6 +15,7 @@ import pytest
 from pipeline.errors import StageError
 from pipeline.formats.parquet import foreign_arrays as module
 from pipeline.formats.parquet.foreign_arrays import foreign_arrays
+from pipeline.formats.parquet.measured import Measured, measured
 
 
 def saved(path: Path, column: Any, name: str = "waypoints") -> Path:
@@ -127,7 +128,29 @@ def test_too_many_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         read(path)
 
 
-def test_damage_anywhere_ends_in_one_sentence_or_in_the_rows(tmp_path: Path) -> None:
+def test_what_a_file_states_is_found_in_a_process_of_its_own(tmp_path: Path) -> None:
+    """The library ends the process at some damages, such as of the counts of its levels (found by fuzzing)."""
+    path = saved(tmp_path / "a.parquet", LISTS["nested"](np.ones((20, 5, 3))))
+    whole = path.read_bytes()
+    found = []
+    for data in (whole, whole[:-20] + b"x" * 12 + whole[-8:], b"none"):
+        path.write_bytes(data)
+        with path.open("rb") as stream:
+            found.append(measured(stream.fileno(), "waypoints"))
+
+    assert found[0] is not None
+    assert found[0].numbers == 20 * 5 * 3
+    assert found[1:] == [None, None]
+
+
+def test_an_end_that_is_damaged_beyond_what_can_be_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "measured", lambda *_: None)
+    with pytest.raises(StageError, match=r"cannot be read as Parquet \(its end is damaged\); sample\.given names"):
+        read(saved(tmp_path / "a.parquet", pa.array([[1.0, 2.0]])))
+
+
+def test_damage_anywhere_ends_in_one_sentence_or_in_the_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "measured", lambda *_: Measured(0, 0))  # the process of its own, for speed
     whole = saved(
         tmp_path / "a.parquet", LISTS["nested"](np.random.default_rng(0).normal(size=(20, 5, 3)))
     ).read_bytes()
