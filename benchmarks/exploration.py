@@ -32,6 +32,7 @@ from pipeline.formats.mcap.joint_states import read_joint_states
 from pipeline.params import load
 from pipeline.replay import bind_features, load_scene
 from pipeline.replay.assessment import assessment
+from pipeline.replay.room import Room
 from pipeline.trajectories.exploration.archive import Grid
 from pipeline.trajectories.exploration.choice_space import ChoiceSpace, default_effort_multiple, default_width
 from pipeline.trajectories.exploration.search import explore
@@ -87,14 +88,17 @@ def case(name: str, data: Path, recordings: Path | None = None) -> Case:
     else:
         shown = np.stack([waypoints_of(file, scene) for file in sorted(recordings.glob("*.mcap"))])
     drawn = pl.read_parquet(data / task_name / "shifted_alternatives.parquet").filter(pl.col("set_size") == 1000)
+    room = Room.of(scene, task.surface, task.collisions, Anchor(scene.start, scene.goal), name)
+    assess, measure = assessment(features, scales, room)
     space = ChoiceSpace(
         Anchor(scene.start, scene.goal),
         WAYPOINTS,
         scene.lower,
         scene.upper,
-        assessment(features, scales, task.surface),
+        assess,
         default_effort_multiple(shown),
         default_width(shown),
+        measure=measure,
     )
     most = space.most_effort / scales[features.names.index("efficiency")]
     return Case(
