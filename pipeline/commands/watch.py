@@ -33,11 +33,10 @@ from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene, scene_files
-from pipeline.stages import infer
 from pipeline.stages.ingest import NULLABLE, REJECTED, SAME
 from pipeline.stages.inspect import PATHS
 from pipeline.stages.registry import parameters
-from pipeline.studies.posteriors import PART_ROWS, groups_of, posterior_parts
+from pipeline.studies.posteriors import PART_ROWS, groups_of, hypotheses, posterior_parts
 from pipeline.terminal import plain, say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
@@ -268,7 +267,7 @@ def read_setting(project: Project, name: str) -> Setting:
         waypoints=waypoints,
         drawn=AlternativeSet((WORKING,), tuple(some["sampler"]), paths, log_weights, shown=True),
         feature_set=bind_features(scene, {feature: task.features[feature] for feature in names}),
-        thetas=infer.hypotheses(task, project.params.infer, names, tuple(scales["direction"])),
+        thetas=hypotheses(task, project.params.infer, names, tuple(scales["direction"])),
         betas=np.array(project.params.infer.betas),
         sources=sources,
     )

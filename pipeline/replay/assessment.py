@@ -13,7 +13,6 @@ from pipeline.replay.replay import replay
 from pipeline.replay.room import Room
 from pipeline.trajectories.samplers import Fate
 
-
 CHUNK = 800  # trajectories that are looked at together: few, and calls take longer than numbers
 Assess = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
 Measure = Callable[[FloatArray], FloatArray]

@@ -16,16 +16,15 @@ from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Explore, Task
 from pipeline.replay.features import bind_features
 from pipeline.replay.scene import Scene, model_hash, scene_files
-from pipeline.stages.infer import hypotheses
 from pipeline.stages.registry import parameters, stage
-from pipeline.studies.exploration import agreement_rows, convergence_rows, exploration_name, explored_posterior_rows
-from pipeline.studies.posteriors import Group, groups_of
+from pipeline.studies.exploration import convergence_rows, exploration_name, explored_posterior_rows
+from pipeline.studies.posteriors import Group, groups_of, hypotheses
 from pipeline.terminal import say
 from pipeline.trajectories.exploration.choice_space import default_effort_multiple, default_width
-from pipeline.vocabulary import TASK_ANCHOR, WORKING, model_name
+from pipeline.vocabulary import LESS, TASK_ANCHOR, WORKING, model_name
 from pipeline.workspace.anchors import Ends, ends_of
 from pipeline.workspace.compute.executor import workers
-from pipeline.workspace.compute.exploration import Declared, Explored, Hypotheses, Plan, Rounds, explored
+from pipeline.workspace.compute.exploration import Declared, Explored, Hypotheses, Plan, Rounds, Weighted, explored
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
@@ -192,25 +191,27 @@ def _tables(name: str, given: Inputs, plan: Plan, found: Explored) -> dict[str, 
     tables: dict[str, list[pl.DataFrame]] = {}
     for model, one in found.models.items():
         about = {"task": name, "model": model}
-        tables.setdefault("explored", []).extend(
-            pl.DataFrame({"features": rows.features, "log_weight": rows.log_w}).with_columns(
-                exploration=pl.lit(exploration_name(number)), model=pl.lit(model), row=pl.int_range(pl.len())
-            )
-            for number, rows in enumerate(one.rows)
-        )
+        for number, weighted in enumerate(one.rows):
+            waypoints = space.decode(found.maps[number].archive.z) if model == LESS else None
+            tables.setdefault("explored", []).append(_weighted_rows(number, model, weighted, waypoints))
         rows = explored_posterior_rows(groups, one.posteriors[-1], asked.thetas, asked.betas, about)
         tables.setdefault("explored_posteriors", []).extend(rows)
         costs = [vars(cost) for cost in one.costs]
-        tables.setdefault("convergence", []).append(convergence_rows(groups, one.convergence, costs, about))
-        agreed = agreement_rows(groups, one.posteriors, asked.betas, plan.tolerance, about)
-        tables.setdefault("agreement", []).append(agreed)
-    tables["explored_paths"] = [
-        pl.DataFrame({"waypoints": space.decode(covered.archive.z).astype(np.float32).astype(np.float64)}).with_columns(
-            exploration=pl.lit(exploration_name(number)), row=pl.int_range(pl.len())
-        )
-        for number, covered in enumerate(found.maps)
-    ]
-    return {table: pl.concat(rows, how="diagonal") for table, rows in tables.items()}
+        settled = convergence_rows(groups, one.convergence, one.posteriors, asked.betas, costs, about)
+        tables.setdefault("convergence", []).append(settled)
+    return {table: pl.concat(rows) for table, rows in tables.items()}
+
+
+def _weighted_rows(number: int, model: str, weighted: Weighted, waypoints: FloatArray | None) -> pl.DataFrame:
+    """Rows of the table explored for one exploration and model."""
+    rows = pl.DataFrame({"features": weighted.features, "log_weight": weighted.log_w})
+    paths = None if waypoints is None else waypoints.astype(np.float32).astype(np.float64)
+    return rows.with_columns(
+        exploration=pl.lit(exploration_name(number)),
+        model=pl.lit(model),
+        row=pl.int_range(pl.len()),
+        waypoints=pl.lit(None) if paths is None else pl.Series(paths),
+    )
 
 
 def _spaces(

@@ -42,12 +42,12 @@ def run(project: Project, name: str) -> None:
         TaskTables(project.tables(name, INPUTS)) as inputs,
         TaskTables(project.tables(name, ("held_out", "rejected", *ROBUSTNESS))) as results,
     ):
-        view = task_view(inputs)
+        view = task_view(inputs, project.table(name, "explored_posteriors"))
         final = {model: steps[-1].marginal_theta for model, steps in view.beliefs.items()}
         figures = {
             "densities": densities_figure(view.curves),
             "density_map": map_figure(view.map),
-            "posterior": posterior_figure(final, view.labels, view.meaning),
+            "posterior": posterior_figure(final, view.labels, view.meaning, view.over),
         }
         held_out = results["held_out"].read(where=pl.col("set_id") == WORKING)
         if held_out.height:
@@ -61,7 +61,7 @@ def run(project: Project, name: str) -> None:
         rejected = results["rejected"].read(where=~pl.col("reason").is_in(sorted(SET_ASIDE))).height
         recordings = view.demonstrations.height, rejected
         beliefs = {model: steps[-1] for model, steps in view.beliefs.items()}
-        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings, view.fits)
+        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings, view.fits, view.resting_on)
         write_figures(project, name, figures, numbers)
         record.produced = f"{len(figures)} figures"
 

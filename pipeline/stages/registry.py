@@ -143,7 +143,7 @@ STAGES = (
         ),
         reads=("demonstrations", "alternatives", "scales"),
         inputs=(SCENE,),
-        makes=("choice_space", "explored", "explored_paths", "explored_posteriors", "convergence", "agreement"),
+        makes=("choice_space", "explored", "explored_posteriors", "convergence"),
         features=True,
     ),
     Stage(

@@ -1,17 +1,18 @@
-"""Rows of the tables about an explored choice space: posteriors, convergence, agreement."""
+"""Rows of the tables about an explored choice space: posteriors and convergence."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
 
-from pipeline.arrays import FloatArray
-from pipeline.choice.convergence import Convergence, disagreement
+from pipeline.arrays import FloatArray, IntArray
+from pipeline.choice.convergence import Convergence
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.studies.posteriors import Group
-from pipeline.vocabulary import ALL, POOLED
+from pipeline.vocabulary import POOLED
 
 
 def exploration_name(number: int) -> str:
@@ -54,91 +55,98 @@ def pooled(values: FloatArray) -> FloatArray:
 
 
 def convergence_rows(
-    groups: Sequence[Group], record: Convergence, costs: Sequence[Mapping[str, object]], about: Mapping[str, object]
+    groups: Sequence[Group],
+    record: Convergence,
+    posteriors: Sequence[FloatArray],
+    betas: FloatArray,
+    costs: Sequence[Mapping[str, object]],
+    about: Mapping[str, object],
 ) -> pl.DataFrame:
     """Rows of the table `convergence`.
 
     Args:
-        groups: that get a posterior.
-        record: its posteriors are over theta.
+        groups: G groups that get a posterior.
+        record: of their posteriors over theta.
+        posteriors: (R, G, K, B) log posteriors over theta and beta, one array for each round.
+        betas: (B,) inverse temperatures.
         costs: for each round, the columns that say what it took.
         about: columns that have one value in all rows, with that value.
     """
-    single = [row for row, (demonstration, _, _) in enumerate(groups) if demonstration != ALL]
-    rows = []
-    for number, cost in enumerate(costs):
+    tables, before = [], None
+    for number, (values, cost) in enumerate(zip(posteriors, costs, strict=True)):
+        now = _Answer.of(values, betas)
         so_far = Convergence(record.rounds[: number + 1], record.tolerance)
-        apart = record.rounds[number].disagreements
         further, nominal = so_far.further_evaluations, record.rounds[number].evaluations
         done = int(str(cost["evaluations"]))
-        rows.append(
-            {
-                "round": number,
-                "explorations": len(record.rounds[number].log_posteriors),
-                **cost,
-                "disagreement": so_far.disagreement,
-                "disagreement_single": float(np.median(apart[single])),
-                "disagreement_all": float(apart[-1]),
-                "change": so_far.change if number else None,
-                "tolerance": record.tolerance,
-                "converged": so_far.reached,
-                "further_evaluations": None if further is None else -(-further * done // nominal),
-            }
-        )
-    types = {"growth": pl.Float64, "effective_size": pl.Float64, "change": pl.Float64, "further_evaluations": pl.Int64}
-    return pl.DataFrame(rows, schema_overrides=types).with_columns(
-        pl.lit(value).alias(column) for column, value in about.items()
-    )
-
-
-def agreement_rows(
-    groups: Sequence[Group],
-    rounds: Sequence[FloatArray],
-    betas: FloatArray,
-    tolerance: float,
-    about: Mapping[str, object],
-) -> pl.DataFrame:
-    """Rows of the table `agreement`.
-
-    Args:
-        groups: G groups.
-        rounds: (R, G, K, B) log posteriors, one for each round.
-        betas: (B,) inverse temperatures.
-        tolerance: what agrees.
-        about: columns that have one value in all rows, with that value.
-    """
-    tables, before = [], None
-    for number, values in enumerate(rounds):
-        thetas = np.asarray(log_sum_exp(values, axis=3))
-        apart, now = disagreement(thetas), pooled(thetas)
-        p = np.exp(now)
-        best = p.argmax(axis=1)[:, None]
-        strict = np.exp(np.asarray(log_sum_exp(pooled(values), axis=1))) @ np.log10(betas)
-        learned = np.maximum(np.log(p.shape[1]) + (p * np.where(p > 0, now, 0.0)).sum(axis=1), 0.0)
-        columns: dict[str, object] = {
+        apart = record.rounds[number].disagreements
+        said = {
+            "round": number,
+            "explorations": len(values),
+            **cost,
+            "tolerance": record.tolerance,
+            "further_evaluations": None if further is None else -(-further * done // nominal),
+        }
+        columns = {
             "demonstration_id": [group[0] for group in groups],
             "participant": [group[1] for group in groups],
             "disagreement": apart,
-            "learned": learned,
-            "probability": np.minimum(np.take_along_axis(p, best, axis=1)[:, 0], 1.0),
-            "mean_log10_beta": strict,
+            "learned": now.learned,
+            "probability": now.probability(now.best),
+            "mean_log10_beta": now.log10_beta,
+            **now.since(before),
         }
-        if before is not None:
-            change = np.maximum((p * np.where(p > 0, now - before["now"], 0.0)).sum(axis=1), 0.0)
-            columns |= {
-                "change": change,
-                "learned_change": learned - before["learned"],
-                "probability_change": np.take_along_axis(p - np.exp(before["now"]), best, axis=1)[:, 0],
-                "mean_log10_beta_change": strict - before["strict"],
-                "converged": (apart <= tolerance) & (change <= tolerance),
-            }
-        before = {"now": now, "learned": learned, "strict": strict}
-        tables.append(pl.DataFrame(columns).with_columns(round=pl.lit(number, pl.Int64)))
-    missing = ["change", "learned_change", "probability_change", "mean_log10_beta_change"]
-    rows = pl.concat(tables, how="diagonal")
-    rows = rows.with_columns(pl.lit(None, pl.Float64).alias(one) for one in missing if one not in rows.columns)
-    if "converged" not in rows.columns:
-        rows = rows.with_columns(converged=pl.lit(False))
-    return rows.with_columns(
-        pl.col("converged").fill_null(False), *(pl.lit(value).alias(column) for column, value in about.items())
-    )
+        rows = pl.DataFrame(columns, schema_overrides=dict.fromkeys(CHANGES, pl.Float64)).with_columns(
+            [_column(name, value) for name, value in {**about, **said}.items()]
+        )
+        within = (pl.col("disagreement") <= record.tolerance) & (pl.col("change") <= record.tolerance)
+        tables.append(rows.with_columns(converged=within.fill_null(False)))
+        before = now
+    return pl.concat(tables)
+
+
+CHANGES = ("change", "learned_change", "probability_change", "mean_log10_beta_change")
+_NUMBERS = {"growth": pl.Float64, "effective_size": pl.Float64}
+
+
+def _column(name: str, value: object) -> pl.Expr:
+    number = pl.Int64 if isinstance(value, int) or name == "further_evaluations" else None
+    return pl.lit(value, _NUMBERS.get(name, number)).alias(name)
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """The pooled posteriors of G groups over theta (G, K), what is learned (G,) nats, the mean log10 beta (G,)."""
+
+    log_p: FloatArray
+    learned: FloatArray
+    log10_beta: FloatArray
+
+    @classmethod
+    def of(cls, values: FloatArray, betas: FloatArray) -> _Answer:
+        both = pooled(values)
+        log_p = np.asarray(log_sum_exp(both, axis=2))
+        p = np.exp(log_p)
+        learned = np.log(p.shape[1]) + (p * np.where(p > 0, log_p, 0.0)).sum(axis=1)
+        return cls(log_p, np.maximum(learned, 0.0), np.exp(np.asarray(log_sum_exp(both, axis=1))) @ np.log10(betas))
+
+    @property
+    def best(self) -> IntArray:
+        """(G,) the most probable theta."""
+        return np.asarray(self.log_p.argmax(axis=1))
+
+    def probability(self, theta: IntArray) -> FloatArray:
+        """(G,) of one theta for each group."""
+        return np.minimum(np.exp(self.log_p[np.arange(len(theta)), theta]), 1.0)
+
+    def since(self, before: _Answer | None) -> dict[str, FloatArray | list[None]]:
+        """The columns of `CHANGES`."""
+        if before is None:
+            return {name: [None] * len(self.learned) for name in CHANGES}
+        p = np.exp(self.log_p)
+        changes = (
+            np.maximum((p * np.where(p > 0, self.log_p - before.log_p, 0.0)).sum(axis=1), 0.0),
+            self.learned - before.learned,
+            self.probability(self.best) - before.probability(self.best),
+            self.log10_beta - before.log10_beta,
+        )
+        return dict(zip(CHANGES, changes, strict=True))

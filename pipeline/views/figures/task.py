@@ -87,13 +87,16 @@ def map_figure(density: DensityMap) -> Figure:
 
 
 @in_style
-def posterior_figure(posteriors: Mapping[str, FloatArray], labels: Sequence[str], meaning: str) -> Figure:
+def posterior_figure(
+    posteriors: Mapping[str, FloatArray], labels: Sequence[str], meaning: str, over: str = ""
+) -> Figure:
     """The posterior of each model given all demonstrations.
 
     Args:
         posteriors: for each model, (K,) probabilities.
         labels: (K,) the hypotheses in words.
         meaning: what the numbers in the labels mean.
+        over: what the posteriors are over, such as "over the explored choice space".
     """
     models = tuple(posteriors)
     order = np.argsort(-np.max(list(posteriors.values()), axis=0), kind="stable")[:_MOST_ROWS]
@@ -115,7 +118,7 @@ def posterior_figure(posteriors: Mapping[str, FloatArray], labels: Sequence[str]
     ax.set_ylim(len(names) - 0.5, -0.5)
     ax.set_xlim(0, None)
     ax.grid(axis="x")
-    ax.set_xlabel("posterior, all demonstrations", loc="right")
+    ax.set_xlabel("posterior, all demonstrations" + (f",\n{over}" if over else ""), loc="right")
     ax.set_ylabel(meaning)
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper right", ncols=len(models))
     return figure
