@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from pipeline.commands import watch
 from pipeline.formats.duckdb.questions import ask
 from pipeline.formats.parquet.tables import read_table
 from pipeline.formats.parquet.task_tables import TaskTables
@@ -162,3 +163,13 @@ def test_a_project_without_the_section_has_its_defaults(make_project: Make, para
 
     listed = dvc_yaml(params).split("  explore:\n")[1].split("deps:")[0]
     assert "infer.betas]" in listed
+
+
+def test_watching_gives_the_posteriors_of_the_stage(project: Project) -> None:
+    watch.run(project, None, "sweep", watch.Until(demonstrations=3), None)
+    watched = read_table(project.datasets / "sweep" / "watch" / "explored_posteriors.parquet", "explored_posteriors")
+    made = table(project, "explored_posteriors")
+    keys = ["demonstration_id", "participant", "model", "exploration", "theta_id", "beta"]
+    both = made.join(watched, on=keys, how="full", coalesce=True)
+    assert both.height == made.height == watched.height
+    np.testing.assert_allclose(both["posterior"], both["posterior_right"], atol=1e-9)
