@@ -180,7 +180,7 @@ STAGES = (
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",
             "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
-            "sensitivity_summary", "duplicates_summary", "fits",
+            "sensitivity_summary", "duplicates_summary", "fits", "explored", "explored_posteriors", "shifted_features",
         ),
         outputs=("datasets/{task}/figures",),
         metrics=("datasets/{task}/metrics.json",),
@@ -192,7 +192,7 @@ STAGES = (
         ),
         reads=(
             "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
-            "fits",
+            "fits", "explored_posteriors",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/inspect.rrd",),

@@ -40,6 +40,7 @@ class TaskView:
         demonstration_phi: (n, F) raw feature values of each demonstration.
         features: (F,) names of the features.
         units: (F,) their units.
+        scale: (F,) what raw values are divided by.
         by_weight: (F,) indices of the features, by descending mean weight under the final posterior.
         log_weights: (N,) log weight of each alternative under LESS.
         independent: rows of the table `alternatives` for the other sets with the same anchor, with the `log_weight` of
@@ -60,6 +61,7 @@ class TaskView:
     demonstration_phi: FloatArray
     features: tuple[str, ...]
     units: tuple[str, ...]
+    scale: FloatArray
     by_weight: tuple[int, ...]
     log_weights: FloatArray
     independent: pl.DataFrame
@@ -107,6 +109,7 @@ def task_view(tables: TaskTables, explored: Path) -> TaskView:
         demonstration_phi=space.demonstration_phi,
         features=space.names,
         units=space.units,
+        scale=space.scale,
         by_weight=tuple(order),
         log_weights=space.log_weights,
         independent=space.independent,

@@ -25,6 +25,13 @@ TASK_FIGURES: Mapping[str, str] = {
     "sensitivity": "KLAggregate and entropy when one choice of the study is made otherwise. An arrow is a value "
     "beyond the panel.",
 }
+EXPLORED_FIGURES: Mapping[str, str] = {
+    "regions": "Where the samplers of the study draw, and what the choice space reaches, along the two features that "
+    "weigh most: each sampler covers a part of its own.",
+    "ten_posteriors": "The posterior of the first demonstration from each sampler's largest set, and from each "
+    "exploration of the choice space: lines that coincide agree.",
+}
+"""Shown in the report, beside the others."""
 STUDY_FIGURES: Mapping[str, str] = {
     "human_choice": "What people chose, and what each model predicts. Bars are exact 95 % intervals of the observed "
     "share.",

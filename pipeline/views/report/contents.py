@@ -14,7 +14,7 @@ from pipeline import params
 from pipeline.formats.duckdb.questions import CONTENTS, ask
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.studies.support import beyond, chance_notes, edge_sentence
-from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
+from pipeline.views.figures.captions import EXPLORED_FIGURES, STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
 from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
 from pipeline.views.task_summary import theta_labels, theta_meaning
@@ -240,7 +240,7 @@ def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
     if remarked.height:
         caption = "What is odd about recordings that were used, or was decided in reading them."
         parts.append(Table(caption, ("recording", "remarks"), remarked.select("source", "remarks").rows()))
-    return parts + _pictures(project, name, TASK_FIGURES)
+    return parts + _pictures(project, name, {**TASK_FIGURES, **EXPLORED_FIGURES})
 
 
 def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:
