@@ -39,7 +39,7 @@ from pipeline.trajectories.exploration.search import explore
 from pipeline.trajectories.exploration.tempering import temper
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.trajectories.timebase import demonstration_waypoints
+from pipeline.trajectories.timebase import moving_part
 
 ROOT = Path(__file__).resolve().parents[1]
 WAYPOINTS, CELL, CELLS_OF_EFFORT = 41, 0.05, 36
@@ -118,7 +118,8 @@ def case(name: str, data: Path, recordings: Path | None = None) -> Case:
 def waypoints_of(file: Path, scene) -> np.ndarray:
     recording = read_joint_states(file, joints=scene.joints)
     time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
-    return demonstration_waypoints(time_s, recording.positions, scene.continuous, scene.start, WAYPOINTS)[0]
+    moving = moving_part(time_s, recording.positions, scene.continuous)
+    return moving.waypoints(scene.start, scene.continuous, WAYPOINTS)
 
 
 def covered(which: Case, seed: str, evaluations: int) -> Covered:

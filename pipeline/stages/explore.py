@@ -24,7 +24,16 @@ from pipeline.trajectories.exploration.choice_space import default_effort_multip
 from pipeline.vocabulary import LESS, TASK_ANCHOR, WORKING, model_name
 from pipeline.workspace.anchors import Ends, ends_of
 from pipeline.workspace.compute.executor import workers
-from pipeline.workspace.compute.exploration import Declared, Explored, Hypotheses, Plan, Rounds, Weighted, explored
+from pipeline.workspace.compute.exploration import (
+    Declared,
+    Explored,
+    Hypotheses,
+    Plan,
+    Rounds,
+    Weighted,
+    explored,
+    with_fine_cells,
+)
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
@@ -149,15 +158,16 @@ def _plan(project: Project, task: Task, given: Inputs, tables: TaskTables) -> Pl
     )  # fmt: skip
     most = declared.space().most_effort
     cell = settings.cell or _cell(len(given.scales), [most / scale for scale in given.efficiency])
-    return Plan(
+    plan = Plan(
         declared, given.asked, given.phi, [group[2] for group in given.groups],
         _seeds(tables, settings.explorations), cell, settings.evaluations, settings.most_evaluations,
         settings.tolerance, project.params.seed,
     )  # fmt: skip
+    return plan if settings.cell else with_fine_cells(plan)
 
 
 def _cell(features: int, bounds: Sequence[float]) -> float:
-    """The default width of a cell, in scaled features.
+    """The default width of a cell, in scaled features, before it is made finer (see `with_fine_cells`).
 
     As a search fills some thousand cells, they are wider where there are more than three features.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from pipeline.workspace.scenes import loaded
 MOST_RAYS = 24  # thetas along which draws are tempered; of more, those furthest from one another
 STEPS = 5  # in beta along a ray, about
 CENTROIDS = 4000
+FEW_CELLS, SHORT = 4000, 50_000  # cells that so many evaluations should fill
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +228,22 @@ class Plan:
     most_evaluations: int
     tolerance: float
     seed: int
+
+
+def with_fine_cells(plan: Plan) -> Plan:
+    """The plan, its cells so narrow that a first short search fills `FEW_CELLS`, if it fills fewer.
+
+    Where beta is large, what lies in one cell differs by much in probability, so cells are as narrow as a search fills.
+    """
+    features = len(plan.declared.scales)
+    if features > GRID_FEATURES:
+        return plan
+    none = np.empty((0, plan.declared.modes, plan.seeds[0].shape[2]))
+    few = min(SHORT, plan.evaluations)
+    stream = ("explore", plan.declared.ends.key, "short")
+    job = Mapped(plan.declared, plan.asked, plan.seeds[0], none, None, plan.cell, few, plan.seed, stream)
+    filled = len(cover(job).archive)
+    return replace(plan, cell=plan.cell * min(1.0, float((filled / FEW_CELLS) ** (1 / features))))
 
 
 def explored(pool: Workers, plan: Plan, label: str) -> Explored:
