@@ -50,8 +50,8 @@ NEUTRAL = {
 MOST = 0.5  # share of the files in a folder, from which on a stage waits for the whole folder
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
-# Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this. A stage
-# re-runs when something that it lists has changed. One that fails leaves its outputs as they were.
+# Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
+# A stage re-runs when something that it lists has changed. One that fails leaves its outputs as they were.
 """
 NO_FILES: Mapping[str, str] = MappingProxyType({})
 
