@@ -143,7 +143,7 @@ STAGES = (
         ),
         reads=("demonstrations", "alternatives", "scales"),
         inputs=(SCENE,),
-        makes=("choice_space", "explored", "explored_posteriors", "convergence"),
+        makes=("choice_space", "convergence", "explored", "explored_posteriors"),
         features=True,
     ),
     Stage(
