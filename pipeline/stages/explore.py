@@ -20,6 +20,7 @@ from pipeline.stages.registry import parameters, stage
 from pipeline.studies.exploration import convergence_rows, exploration_name, explored_posterior_rows
 from pipeline.studies.posteriors import Group, groups_of, hypotheses
 from pipeline.terminal import say
+from pipeline.trajectories.exploration.archive import GRID_FEATURES
 from pipeline.trajectories.exploration.choice_space import default_effort_multiple, default_width
 from pipeline.vocabulary import LESS, TASK_ANCHOR, WORKING, model_name
 from pipeline.workspace.anchors import Ends, ends_of
@@ -121,6 +122,11 @@ def _left_out(task: Task, settings: Explore) -> str | None:
         return (
             f"the task's anchor is {task.anchor}, so each demonstration has its own ends and its own choice space; "
             "only a space that all share is explored, as with anchor: task"
+        )
+    if len(task.features) > GRID_FEATURES:
+        return (
+            f"the task has {len(task.features)} features, and a map of more than {GRID_FEATURES} has more cells than a "
+            "search fills"
         )
     if task.collisions:
         return "the task's collisions is true, and contacts are too slow to look at for a million trajectories"

@@ -22,6 +22,13 @@ from pipeline.workspace.project import Project
 Make = Callable[[dict[str, Any]], Project]
 CHAIN = (ingest, sample, featurize, density, infer, explore)
 MADE = stage("explore").makes
+FIVE = {
+    "effort": {"kind": "efficiency"},
+    "vase": {"kind": "proximity", "object": "vase", "radius_m": 0.5},
+    "length": {"kind": "path_length"},
+    "lift": {"kind": "height"},
+    "limits": {"kind": "limit_nearness"},
+}
 
 
 def run_chain(project: Project) -> None:
@@ -126,6 +133,7 @@ def test_what_is_shown_is_the_explored_answer(project: Project) -> None:
     [
         ({"anchor": "demonstration"}, {}, "each demonstration has its own ends"),
         ({"collisions": True}, {}, "contacts are too slow"),
+        ({"features": FIVE}, {}, "the task has 5 features"),
         ({}, {"explorations": 0}, "explore.explorations is 0"),
         ({}, {"width_rad": 50.0}, "make the width smaller or the bound larger"),
     ],

@@ -15,7 +15,7 @@ from pipeline.choice.inference import posterior_from
 from pipeline.choice.reweighting import base_weights
 from pipeline.replay.assessment import assessment
 from pipeline.replay.features import bind_features
-from pipeline.trajectories.exploration.archive import GRID_FEATURES, Cells, Centroids, Grid, spread
+from pipeline.trajectories.exploration.archive import Grid, spread
 from pipeline.trajectories.exploration.choice_space import ChoiceSpace
 from pipeline.trajectories.exploration.search import Exploration, explore
 from pipeline.trajectories.exploration.tempering import Tempering, temper
@@ -27,7 +27,6 @@ from pipeline.workspace.scenes import loaded
 
 MOST_RAYS = 24  # thetas along which draws are tempered; of more, those furthest from one another
 STEPS = 5  # in beta along a ray, about
-CENTROIDS = 4000
 FEW_CELLS, SHORT = 4000, 50_000  # cells that so many evaluations should fill
 
 
@@ -144,18 +143,9 @@ def cover(job: Mapped) -> Exploration:
     """Explore until so many trajectories have been looked at."""
     space = job.declared.space()
     seeds = job.walkers if job.start is not None else np.concatenate([space.encode(job.paths), job.walkers])
-    start = job.start
-    if len(job.declared.scales) <= GRID_FEATURES:
-        cells: Cells = Grid(job.cell)
-    elif start is None:
-        features, inside = space.evaluate(seeds)
-        cells = Centroids(spread(features[inside], CENTROIDS))
-    else:  # the points follow what has been found
-        cells = Centroids(spread(start.archive.features, CENTROIDS))
-        start = Exploration(start.archive.recut(cells), start.growth)
     return explore(
-        space, seeds, child_rng(job.seed, *job.stream), job.evaluations, cells,
-        interest=lambda phi: expected_choice(phi, job.asked.thetas, job.asked.betas), start=start,
+        space, seeds, child_rng(job.seed, *job.stream), job.evaluations, Grid(job.cell),
+        interest=lambda phi: expected_choice(phi, job.asked.thetas, job.asked.betas), start=job.start,
     )  # fmt: skip
 
 
@@ -235,15 +225,12 @@ def with_fine_cells(plan: Plan) -> Plan:
 
     Where beta is large, what lies in one cell differs by much in probability, so cells are as narrow as a search fills.
     """
-    features = len(plan.declared.scales)
-    if features > GRID_FEATURES:
-        return plan
     none = np.empty((0, plan.declared.modes, plan.seeds[0].shape[2]))
     few = min(SHORT, plan.evaluations)
     stream = ("explore", plan.declared.ends.key, "short")
     job = Mapped(plan.declared, plan.asked, plan.seeds[0], none, None, plan.cell, few, plan.seed, stream)
     filled = len(cover(job).archive)
-    return replace(plan, cell=plan.cell * min(1.0, float((filled / FEW_CELLS) ** (1 / features))))
+    return replace(plan, cell=plan.cell * min(1.0, float((filled / FEW_CELLS) ** (1 / len(plan.declared.scales)))))
 
 
 def explored(pool: Workers, plan: Plan, label: str) -> Explored:
