@@ -32,10 +32,11 @@ from pipeline.views.headline import task_headline
 from pipeline.views.intervals import compare_models, differences
 from pipeline.views.robustness import Example, accuracy, entropies, example, middle_size
 from pipeline.views.task_view import INPUTS, TaskView, task_view
-from pipeline.vocabulary import ALL, BOLTZMANN, KNOWN_DENSITY, LESS, POOLED, SAMPLER_SHIFT, WORKING
+from pipeline.vocabulary import ALL, BOLTZMANN, KNOWN_DENSITY, LESS, SAMPLER_SHIFT, WORKING
 from pipeline.workspace.project import Project, recorded_run
 
-EXPLORED_TABLES = ("explored", "explored_posteriors", "shifted_features")
+BOTH = (BOLTZMANN, LESS)
+EXPLORED_TABLES = ("explored", "shifted_features")
 ROBUSTNESS = (
     "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
     "sensitivity_summary",
@@ -104,10 +105,10 @@ def _explored(project: Project, name: str, view: TaskView, posteriors: OpenTable
     paths = [project.table(name, table) for table in EXPLORED_TABLES]
     if not all(path.exists() for path in paths):
         return {}
-    regions, answers, drawn = (OpenTable(path, table) for path, table in zip(paths, EXPLORED_TABLES, strict=True))
-    with regions, answers, drawn:
+    regions, drawn = (OpenTable(path, table) for path, table in zip(paths, EXPLORED_TABLES, strict=True))
+    with regions, drawn:
         region = regions.read(["exploration", "model", "features"], where=pl.col("model") == LESS)
-        if region.is_empty():
+        if region.is_empty() or not set(BOTH) <= set(view.explorations):
             return {}
         pair = [view.features[f] for f in (view.by_weight[0], view.by_weight[min(1, len(view.features) - 1)])]
         places = [view.features.index(feature) for feature in pair]
@@ -115,9 +116,8 @@ def _explored(project: Project, name: str, view: TaskView, posteriors: OpenTable
         sets = drawn.read(["set_id", "set_size", *dict.fromkeys(pair)]).filter(largest)
         first = region.filter(exploration=region["exploration"][0])["features"].to_numpy()[:, places]
         one = view.demonstrations["demonstration_id"][0]
-        explored = answers.read(where=(pl.col("demonstration_id") == one) & (pl.col("exploration") != POOLED))
         shifted = (pl.col("regime") == SAMPLER_SHIFT) & (pl.col("demonstration_id") == one)
-        sampled = posteriors.read(where=shifted & pl.col("model").is_in(COMPARED)).filter(largest)
+        sampled = posteriors.read(where=shifted & pl.col("model").is_in(BOTH)).filter(largest)
     return {
         "regions": regions_figure(
             {str(key): rows.select(pair).to_numpy() for (key,), rows in sets.group_by("set_id", maintain_order=True)},
@@ -126,20 +126,18 @@ def _explored(project: Project, name: str, view: TaskView, posteriors: OpenTable
             (with_unit(pair[0], view.units[places[0]]), with_unit(pair[1], view.units[places[1]])),
         ),
         "ten_posteriors": before_after_figure(
-            _marginals(sampled, "set_id"), _marginals(explored, "exploration"), view.labels, view.meaning
+            _marginals(sampled), {model: view.explorations[model] for model in BOTH}, view.labels, view.meaning
         ),
     }
 
 
-def _marginals(rows: pl.DataFrame, one: str) -> dict[str, FloatArray]:
-    """By model, the posterior over theta, a row for each set or exploration."""
-    theta = rows.group_by("model", one, "theta_id", maintain_order=True).agg(pl.sum("posterior")).sort("theta_id")
-    return {
-        model: np.stack(
-            [part["posterior"].to_numpy() for _, part in theta.filter(model=model).group_by(one, maintain_order=True)]
-        )
-        for model in (BOLTZMANN, LESS)
-    }
+def _marginals(rows: pl.DataFrame) -> dict[str, FloatArray]:
+    """By model, the posterior over theta, a row for each set."""
+    found = {}
+    for model in BOTH:
+        sets = rows.filter(model=model).sort("theta_id").partition_by("set_id", maintain_order=True)
+        found[model] = np.stack([one["posterior"].to_numpy() for one in sets])
+    return found
 
 
 def _example(posteriors: OpenTable) -> Example:

@@ -52,6 +52,7 @@ class TaskView:
         meaning: what the numbers in the labels mean.
         beliefs: for each model, the posterior before any demonstration and after each.
         resting_on: for each model, what these rest on, `explored choice space` or the sampled `set of 1,000`.
+        explorations: for each explored model, (R, K) the posterior over theta of the first demonstration, a row for each.
         fits: the table `fits`.
     """
 
@@ -72,6 +73,7 @@ class TaskView:
     meaning: str
     beliefs: dict[str, list[Posterior]]
     resting_on: tuple[str, ...]
+    explorations: dict[str, FloatArray]
     fits: pl.DataFrame
 
     @property
@@ -98,7 +100,10 @@ def task_view(tables: TaskTables, explored: Path) -> TaskView:
     demonstrations = tables["demonstrations"].read()
     ids = tuple(demonstrations["demonstration_id"])
     sampled = _beliefs(tables["posteriors"], ids)
-    beliefs = sampled | {model: steps for model, steps in explored_beliefs(explored, ids).items() if model in sampled}
+    runs = {model: found for model, found in explored_runs(explored, ids).items() if model in sampled}
+    beliefs = sampled | {
+        model: [mean_posterior(steps) for steps in zip(*found, strict=True)] for model, found in runs.items()
+    }
     final = list(beliefs.values())[-1][-1]
     order = _by_weight(final)
     space = _feature_space(tables, demonstrations["demonstration_id"])
@@ -123,6 +128,7 @@ def task_view(tables: TaskTables, explored: Path) -> TaskView:
             f"set of {space.alternatives.height:,}" if beliefs[model] is sampled[model] else EXPLORED
             for model in beliefs
         ),
+        explorations={model: np.stack([run[1].marginal_theta for run in found]) for model, found in runs.items()},
         fits=tables["fits"].read(),
     )
 
@@ -194,22 +200,22 @@ def _beliefs(posteriors: OpenTable, demonstration_ids: tuple[str, ...]) -> dict[
     }
 
 
-def explored_beliefs(path: Path, demonstration_ids: tuple[str, ...]) -> dict[str, list[Posterior]]:
-    """For each model, the posterior before any demonstration and after each, over the explored choice space.
+def explored_runs(path: Path, demonstration_ids: tuple[str, ...]) -> dict[str, list[list[Posterior]]]:
+    """For each model and exploration of the choice space, the posterior before any demonstration and after each.
 
-    Each is the mean over the explorations. Nothing if the table is not there or has other demonstrations.
+    Nothing if the table is not there or has other demonstrations.
     """
     if not path.exists():
         return {}
     rows = read_table(path, "explored_posteriors").filter(pl.col("exploration") != POOLED)
     if not set(demonstration_ids) <= set(rows["demonstration_id"]):
         return {}
-    found = {}
-    for (model,), of_model in rows.group_by("model", maintain_order=True):
-        parts = of_model.partition_by("exploration", maintain_order=True)
-        runs = [_sequence(part, demonstration_ids) for part in parts]
-        found[str(model)] = [mean_posterior(steps) for steps in zip(*runs, strict=True)]
-    return found
+    return {
+        str(model): [
+            _sequence(part, demonstration_ids) for part in of_model.partition_by("exploration", maintain_order=True)
+        ]
+        for (model,), of_model in rows.group_by("model", maintain_order=True)
+    }
 
 
 def over_what(models: Sequence[str], resting_on: Sequence[str]) -> str:
