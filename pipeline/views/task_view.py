@@ -52,7 +52,7 @@ class TaskView:
         meaning: what the numbers in the labels mean.
         beliefs: for each model, the posterior before any demonstration and after each.
         resting_on: for each model, what these rest on, `explored choice space` or the sampled `set of 1,000`.
-        explorations: for each explored model, (R, K) the posterior over theta of the first demonstration, a row for each.
+        explorations: for each explored model, (R, K) the posterior over theta of the first demonstration, by run.
         fits: the table `fits`.
     """
 
