@@ -27,7 +27,7 @@ from pipeline.formats.mcap.joint_states import write_joint_states
 from pipeline.replay.scene import Scene, load_scene
 
 ROOT = Path(__file__).resolve().parents[1]
-STAGES = ("scene", "ingest", "sample", "featurize", "density", "infer")
+STAGES = ("scene", "ingest", "sample", "featurize", "density", "infer", "explore")
 PEOPLE = 6
 ROBOTS, GRIPPERS = "robosuite/models/assets/robots", "robosuite/models/assets/grippers"
 URDF = """<robot name="bench"><link name="base"/><link name="l1"/>{links}<link name="tool0"/><link name="finger"/>

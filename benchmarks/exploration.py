@@ -32,13 +32,14 @@ from pipeline.formats.mcap.joint_states import read_joint_states
 from pipeline.params import load
 from pipeline.replay import bind_features, load_scene
 from pipeline.replay.assessment import assessment
+from pipeline.replay.room import Room
 from pipeline.trajectories.exploration.archive import Grid
 from pipeline.trajectories.exploration.choice_space import ChoiceSpace, default_effort_multiple, default_width
 from pipeline.trajectories.exploration.search import explore
 from pipeline.trajectories.exploration.tempering import temper
 from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.trajectories.timebase import demonstration_waypoints
+from pipeline.trajectories.timebase import moving_part
 
 ROOT = Path(__file__).resolve().parents[1]
 WAYPOINTS, CELL, CELLS_OF_EFFORT = 41, 0.05, 36
@@ -87,14 +88,17 @@ def case(name: str, data: Path, recordings: Path | None = None) -> Case:
     else:
         shown = np.stack([waypoints_of(file, scene) for file in sorted(recordings.glob("*.mcap"))])
     drawn = pl.read_parquet(data / task_name / "shifted_alternatives.parquet").filter(pl.col("set_size") == 1000)
+    room = Room.of(scene, task.surface, task.collisions, Anchor(scene.start, scene.goal), name)
+    assess, measure = assessment(features, scales, room)
     space = ChoiceSpace(
         Anchor(scene.start, scene.goal),
         WAYPOINTS,
         scene.lower,
         scene.upper,
-        assessment(features, scales, task.surface),
+        assess,
         default_effort_multiple(shown),
         default_width(shown),
+        measure=measure,
     )
     most = space.most_effort / scales[features.names.index("efficiency")]
     return Case(
@@ -114,7 +118,8 @@ def case(name: str, data: Path, recordings: Path | None = None) -> Case:
 def waypoints_of(file: Path, scene) -> np.ndarray:
     recording = read_joint_states(file, joints=scene.joints)
     time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
-    return demonstration_waypoints(time_s, recording.positions, scene.continuous, scene.start, WAYPOINTS)[0]
+    moving = moving_part(time_s, recording.positions, scene.continuous)
+    return moving.waypoints(scene.start, scene.continuous, WAYPOINTS)
 
 
 def covered(which: Case, seed: str, evaluations: int) -> Covered:

@@ -29,6 +29,8 @@ PICTURES = {
     "grid_world_sets.png": "studies/figures/grid_world_sets.png",
     "grid_world_density.png": "studies/figures/grid_world_density.png",
     "table_held_out.png": "table/figures/held_out.png",
+    "table_regions.png": "table/figures/regions.png",
+    "table_ten_posteriors.png": "table/figures/ten_posteriors.png",
 } | {
     f"{task}_{name}.png": f"{task}/figures/{name}.png"
     for task in ("table", "laptop", "human")

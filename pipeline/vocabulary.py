@@ -68,6 +68,10 @@ TASK_ANCHOR, DEMONSTRATION_ANCHOR = "task", "demonstration"
 WORKING = "working"
 SCHEDULER = "LESSBENCH_SCHEDULER"  # environment variable with the address of a Dask scheduler
 """The `set_id` of the set that is shown."""
+EXPLORED = "explored"
+"""The `set_id` that stands for the explored choice space in the views of the catalog, which is no set."""
+POOLED = "pooled"
+"""The `exploration` that stands for the mean over all of them, which is shown."""
 STUDIES = "studies"
 """Stands where a task's name would, for tables and files of no task."""
 RESERVED_IDS = (ALL, TASK_ANCHOR)

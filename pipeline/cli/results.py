@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.grouping import ASK, LOOK, TRUST, Commands
-from pipeline.cli.shared import AsJson, Bind, IsLive, Port, TaskOrStudies, this_project
+from pipeline.cli.shared import AsJson, Bind, IsLive, Port, TaskName, TaskOrStudies, this_project
 from pipeline.commands.sql.answers import MOST_ROWS, ROWS_ELSEWHERE, ROWS_ON_TERMINAL, Format
 from pipeline.terminal import say, say_json
 from pipeline.vocabulary import STUDIES
@@ -112,6 +112,30 @@ def verify(
         say_json({name: asdict(found) for name, found in everything.items()})
     if any(found.drift for found in everything.values()):
         raise typer.Exit(1)
+
+
+@commands.command(rich_help_panel=TRUST)
+def enough(
+    task: TaskName,
+    tolerance: Annotated[
+        float | None, typer.Option(min=1e-6, help="Nats a pair that count as agreement (default: explore.tolerance).")
+    ] = None,
+    degrees: Annotated[
+        float, typer.Option(min=0.1, max=90.0, help="How wide the posterior of all together may be.")
+    ] = 20.0,
+    as_json: AsJson = False,
+) -> None:
+    """Say whether a task's answer is steady, and how many more evaluations, alternatives or demonstrations it needs.
+
+    Example: `lessbench enough table`, or `lessbench enough table --tolerance 0.05 --json`
+    """
+    from pipeline.commands import enough
+
+    found = enough.enough(this_project(), task, tolerance, degrees)
+    if as_json:
+        say_json(enough.as_json(found))
+    else:
+        enough.report(found)
 
 
 @commands.command(rich_help_panel=LOOK)

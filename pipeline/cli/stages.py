@@ -98,6 +98,17 @@ def infer(task: TaskName, live: IsLive = False, port: Port = 9876, bind: Bind = 
 
 
 @commands.command(rich_help_panel=STAGES)
+def explore(task: TaskName) -> None:
+    """Explore the choice space until independent explorations agree, into explored_posteriors.parquet.
+
+    Example: `lessbench explore table`, then `lessbench enough table`.
+    """
+    from pipeline.stages.explore import run
+
+    run(this_project(), task)
+
+
+@commands.command(rich_help_panel=STAGES)
 def shift(task: TaskName) -> None:
     """Draw sets of alternatives from different samplers into shifted_alternatives.parquet.
 

@@ -1,13 +1,14 @@
 """`lessbench watch`: the posterior as people demonstrate, recording by recording, before any stage is run again.
 
-The alternatives, their scales and their bandwidth are those of the task's tables; the demonstrations are those of the
-folder and nothing else. The answer is that of `dvc repro` on the same recordings with these alternatives.
+The alternatives, their scales and their bandwidth are those of the task's tables, and so is the explored choice space;
+the demonstrations are those of the folder and nothing else. The answer is that of `dvc repro` on the same recordings
+with these alternatives and this choice space, whose bound on effort the recordings may move.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,20 +34,21 @@ from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene, scene_files
-from pipeline.stages import infer
 from pipeline.stages.ingest import NULLABLE, REJECTED, SAME
 from pipeline.stages.inspect import PATHS
 from pipeline.stages.registry import parameters
-from pipeline.studies.posteriors import PART_ROWS, groups_of, posterior_parts
+from pipeline.studies.exploration import explored_posterior_rows
+from pipeline.studies.posteriors import PART_ROWS, Group, groups_of, hypotheses, posterior_parts
 from pipeline.terminal import plain, say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
 from pipeline.views.rerun.records import AlternativeSet, Replay
 from pipeline.views.rerun.server import require_listening, server
 from pipeline.views.task_summary import density_map, replay_samples, theta_labels, theta_meaning
-from pipeline.views.task_view import ALTERNATIVE, read_waypoints
+from pipeline.views.task_view import ALTERNATIVE, EXPLORED, mean_posterior, over_what, read_waypoints
 from pipeline.vocabulary import TASK_ANCHOR, WORKING, model_name
 from pipeline.workspace.demonstrations import LONGEST_NAME, Intake, demonstration
+from pipeline.workspace.explored_space import ExploredSpace
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.trust import register_task_kinds
@@ -87,6 +89,7 @@ class Setting:
         drawn: their paths.
         feature_set: what evaluates the features.
         thetas, betas: the hypotheses.
+        space: the explored choice space.
         sources: the tables, which are closed.
     """
 
@@ -104,6 +107,7 @@ class Setting:
     feature_set: FeatureSet
     thetas: FloatArray
     betas: FloatArray
+    space: ExploredSpace
     sources: tuple[OpenTable, ...]
 
 
@@ -149,12 +153,27 @@ class Belief:
         return np.array([self.log_likelihoods[key][model] for key in sorted(self.rows)]).reshape(-1, *shape[1:])
 
     def posteriors(self) -> dict[str, Posterior]:
-        """By model, over all demonstrations together."""
+        """By model, over all demonstrations together: over the explored choice space, or the sampled alternatives."""
         setting = self.setting
         return {
-            model: posterior_from(self.values(model).sum(axis=0), setting.thetas, setting.betas)
+            model: mean_posterior(setting.space.posteriors(model, self.phi))
+            if model in setting.space.normalisers
+            else posterior_from(self.values(model).sum(axis=0), setting.thetas, setting.betas)
             for model in self.models
         }
+
+    @property
+    def phi(self) -> FloatArray:
+        """(n, F) scaled features."""
+        raw = np.array([self.raw[key] for key in sorted(self.rows)]).reshape(-1, len(self.setting.features))
+        return np.asarray(raw / self.setting.scale)
+
+    @property
+    def over(self) -> str:
+        """What these posteriors are over, in words; nothing if it is the sampled alternatives."""
+        explored, sampled = self.setting.space.normalisers, f"set of {len(self.setting.raw):,}"
+        said = over_what(self.models, [EXPLORED if model in explored else sampled for model in self.models])
+        return f", posteriors {said}" if explored else ""
 
     def on_map(self) -> FloatArray:
         """(n, 2) raw values of the map's two features."""
@@ -182,8 +201,8 @@ def run(project: Project, folder: Path | None, name: str | None, until: Until, l
                 with _shown(partial, setting, belief, address) as shown:
                     say(
                         f"watching {folder}{'' if folder.is_dir() else ' (not there yet)'} for {name}: "
-                        f"{len(setting.raw):,} alternatives, {len(setting.thetas)} thetas x {len(setting.betas)} "
-                        "betas; Ctrl-C ends"
+                        f"{len(setting.raw):,} alternatives{belief.over}, {len(setting.thetas)} thetas x "
+                        f"{len(setting.betas)} betas; Ctrl-C ends"
                     )
                     for path in _files(arrivals, belief, until, shown):
                         _take(path, project, belief, rejected, shown)
@@ -250,6 +269,8 @@ def read_setting(project: Project, name: str) -> Setting:
             )
         some = _some(project, both)
         waypoints = read_waypoints(tables["alternatives"], some["alternative_id"])
+    thetas = hypotheses(task, project.params.infer, names, tuple(scales["direction"]))
+    betas = np.array(project.params.infer.betas)
     register_task_kinds(project, task)
     intake = Intake.of(project, name)
     scene = intake.scene
@@ -268,8 +289,9 @@ def read_setting(project: Project, name: str) -> Setting:
         waypoints=waypoints,
         drawn=AlternativeSet((WORKING,), tuple(some["sampler"]), paths, log_weights, shown=True),
         feature_set=bind_features(scene, {feature: task.features[feature] for feature in names}),
-        thetas=infer.hypotheses(task, project.params.infer, names, tuple(scales["direction"])),
-        betas=np.array(project.params.infer.betas),
+        thetas=thetas,
+        betas=betas,
+        space=ExploredSpace.of(project.table(name, "explored"), thetas, betas),
         sources=sources,
     )
 
@@ -376,7 +398,7 @@ def _marginals(belief: Belief) -> tuple[dict[str, FloatArray], str]:
         f"# {belief.setting.name}",
         "",
         f"**{len(belief.rows)} demonstration{'s' * (len(belief.rows) != 1)}** so far, {len(belief.setting.raw):,} "
-        "alternatives.",
+        f"alternatives{belief.over}.",
         "",
         *(f"- {line}" for line in _lines(belief)),
         "",
@@ -423,7 +445,7 @@ def _shown(partial: Path, setting: Setting, belief: Belief, address: Address | N
 
 
 def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, dict[str, str]], folder: Path) -> None:
-    """Tables as those of the stages, of the working set alone."""
+    """Tables as those of the stages, of the working set and of the explored choice space."""
     setting = belief.setting
     rows = [belief.rows[key] for key in sorted(belief.rows)]
     table = pl.DataFrame(rows, schema_overrides=NULLABLE).with_columns(
@@ -445,6 +467,21 @@ def _write(partial: Path, project: Project, belief: Belief, rejected: dict[str, 
             about = {"task": setting.name, "model": model, "set_size": len(setting.raw), "set_id": WORKING}
             for part in posterior_parts(groups, belief.values(model), setting.thetas, setting.betas, about):
                 posteriors.add(part)
+    if setting.space.normalisers:
+        stated = provenance(project, parameters("explore", setting.name), [*files, *setting.sources])
+        write_table(partial / "explored_posteriors.parquet", "explored_posteriors", _explored(belief, groups), stated)
+
+
+def _explored(belief: Belief, groups: Sequence[Group]) -> pl.DataFrame:
+    """Rows of the table explored_posteriors."""
+    setting, phi = belief.setting, belief.phi
+    tables: list[pl.DataFrame] = []
+    for model in (one for one in belief.models if one in setting.space.normalisers):
+        by_group = [setting.space.posteriors(model, phi[rows]) for _, _, rows in groups]
+        values = np.array([[one.log_probability for one in of_run] for of_run in zip(*by_group, strict=True)])
+        about = {"task": setting.name, "model": model}
+        tables += explored_posterior_rows(groups, values, setting.thetas, setting.betas, about)
+    return pl.concat(tables)
 
 
 def _counts(belief: Belief, rejected: dict[str, dict[str, str]], arrivals: Arrivals) -> list[str]:

@@ -5,6 +5,7 @@ from pipeline.params.reading import OWN_TASKS, load, own_tasks, parse
 from pipeline.params.sections import (
     FILE,
     Duplicates,
+    Explore,
     GridWorldSettings,
     Infer,
     Ingest,
@@ -16,6 +17,7 @@ from pipeline.params.sections import (
 
 __all__ = [
     "Duplicates",
+    "Explore",
     "FILE",
     "GridWorldSettings",
     "Infer",

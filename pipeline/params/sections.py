@@ -307,6 +307,42 @@ class Infer(_Section):
         return _distinct(values)
 
 
+class Explore(_Section):
+    """How the choice space is explored, see docs/choice_space.md.
+
+    Attributes:
+        explorations: how many, independent of one another; 0: none.
+        evaluations: trajectories that each looks at in the first round; doubled until they agree.
+        most_evaluations: of each, in all.
+        tolerance: mean divergence of a pair of explorations (nats) that counts as agreement.
+        effort_multiple: largest effort as a multiple of the least; None: 1.25 times the most wasteful demonstration's.
+        width_rad: of the base measure; None: the demonstrations' deviation from their straight paths.
+        modes: half waves of each joint.
+        largest_step: of a joint from one waypoint to the next; None: speed has no limit.
+        cell: width of a cell of the map and of the kernel, in scaled features; None: derived.
+    """
+
+    explorations: Annotated[int, Field(strict=True, ge=0, le=100)] = 2
+    evaluations: Annotated[int, Field(strict=True, ge=1, le=10**10)] = 500_000
+    most_evaluations: Annotated[int, Field(strict=True, ge=1, le=10**10)] = 1_000_000
+    tolerance: Positive = 0.02
+    effort_multiple: Annotated[float, Field(strict=True, gt=1, allow_inf_nan=False)] | None = None
+    width_rad: Positive | None = None
+    modes: Annotated[int, Field(strict=True, ge=1, le=1000)] = 8
+    largest_step: Positive | None = None
+    cell: Positive | None = None
+
+    @model_validator(mode="after")
+    def _several(self) -> Explore:
+        if self.explorations == 1:
+            raise ValueError("explorations is 1; two or more can agree, and 0 explores nothing")
+        if self.most_evaluations < self.evaluations:
+            raise ValueError(
+                f"most_evaluations is {self.most_evaluations}; it must be at least evaluations, {self.evaluations}"
+            )
+        return self
+
+
 class ShiftedSampler(_Section):
     """One of the samplers that the alternatives come from under sampler shift."""
 
@@ -427,6 +463,7 @@ class Params(_Section):
     features: Features
     density: Density
     infer: Infer
+    explore: Explore = Field(default_factory=Explore)
     robustness: Robustness
     studies: Studies
 

@@ -10,32 +10,36 @@ from numpy.typing import NDArray
 from pipeline.arrays import FloatArray
 from pipeline.replay.features import FeatureSet
 from pipeline.replay.replay import replay
-from pipeline.replay.surface import Surface
+from pipeline.replay.room import Room
+from pipeline.trajectories.samplers import Fate
+
+CHUNK = 800  # trajectories that are looked at together: few, and calls take longer than numbers
+Assess = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
+Measure = Callable[[FloatArray], FloatArray]
 
 
-def assessment(
-    features: FeatureSet, scales: FloatArray, surface: str | None
-) -> Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]:
-    """A function from waypoints (N, T, J) to scaled features (N, F) and whether the surface is cleared (N,).
+def assessment(features: FeatureSet, scales: FloatArray, room: Room) -> tuple[Assess, Measure]:
+    """Two functions of waypoints (N, T, J).
+
+    The first gives scaled features (N, F) and whether the room has each (N,), the second the features alone.
 
     Args:
         features: of the task.
         scales: (F,) what each feature is divided by.
-        surface: name of the site that nothing may go under; None: there is none.
-
-    Raises:
-        SceneError: see `Surface`.
+        room: where the arm may be.
     """
-    top = None if surface is None else Surface(features.scene, surface)
+
+    def measure(waypoints: FloatArray) -> FloatArray:
+        return features.evaluate(waypoints) / scales
 
     def assess(waypoints: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         values = np.empty((len(waypoints), len(features.names)))
-        clear = np.ones(len(waypoints), dtype=bool)
-        for motion in replay(features.scene, waypoints):
+        allowed = np.ones(len(waypoints), dtype=bool)
+        for motion in replay(features.scene, waypoints, chunk=CHUNK):
             rows = slice(motion.first, motion.first + len(motion.waypoints))
             values[rows] = features.of(motion)  # `FeatureSet.evaluate` would replay a second time
-            if top is not None:
-                clear[rows] = top.cleared_by(motion)
-        return values / scales, clear
+            if room.top is not None or room.contacts is not None:
+                allowed[rows] = room.judge_motion(motion) == Fate.KEPT
+        return values / scales, allowed
 
-    return assess
+    return assess, measure

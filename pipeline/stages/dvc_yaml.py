@@ -16,7 +16,7 @@ from types import MappingProxyType
 from pipeline.formats.files.atomic import written_whole
 from pipeline.params import FILE as FILE_OF_PARAMETERS
 from pipeline.params import Params, value_at
-from pipeline.stages.registry import OPTIONAL, STAGES, Scope, Stage
+from pipeline.stages.registry import OPTIONAL, OPTIONAL_SECTIONS, STAGES, Scope, Stage
 from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.project import TABLES, find_project, table_path
@@ -51,8 +51,7 @@ MOST = 0.5  # share of the files in a folder, from which on a stage waits for th
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
 # Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
-# A stage re-runs when a file or parameter that it lists has changed. Outputs persist: a stage that fails leaves what
-# was there, one that succeeds replaces it whole.
+# A stage re-runs when something that it lists has changed. One that fails leaves its outputs as they were.
 """
 NO_FILES: Mapping[str, str] = MappingProxyType({})
 
@@ -145,7 +144,11 @@ def _stage(stage: Stage, params: Params, own: Mapping[str, str]) -> str:
 
 
 def watched(paths: Sequence[str], params: Params) -> list[str]:
-    """The parameters that DVC waits for: those of a stage, and, if a task leaves some out, the task that holds them."""
+    """The parameters that DVC waits for: those of a stage that are there.
+
+    If a task leaves some out, it is the task that holds them.
+    """
+    paths = [path for path in paths if path not in OPTIONAL_SECTIONS or path in params.model_fields_set]
     optional = [path for path in paths if path in OPTIONAL]
     if all(path.rpartition(".")[2] in task.model_fields_set for path in optional for task in params.tasks.values()):
         return list(paths)
@@ -156,7 +159,7 @@ def watched(paths: Sequence[str], params: Params) -> list[str]:
 
 def states_all(params: Params) -> bool:
     """Whether no task leaves out what it may, so that DVC can wait for each parameter by itself."""
-    return all(watched(stage.parameters, params) == list(stage.parameters) for stage in STAGES)
+    return all(set(watched(one.parameters, params)) | set(OPTIONAL_SECTIONS) >= set(one.parameters) for one in STAGES)
 
 
 def _in_files(stage: Stage, paths: Sequence[str], own: Mapping[str, str]) -> list[str]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import polars as pl
 
+from pipeline.arrays import FloatArray
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.task_tables import TaskTables
@@ -18,15 +20,23 @@ from pipeline.views.figures.robustness import (
     sensitivity_figure,
     two_posteriors_figure,
 )
-from pipeline.views.figures.style import Figure
-from pipeline.views.figures.task import densities_figure, map_figure, posterior_figure
+from pipeline.views.figures.style import Figure, with_unit
+from pipeline.views.figures.task import (
+    before_after_figure,
+    densities_figure,
+    map_figure,
+    posterior_figure,
+    regions_figure,
+)
 from pipeline.views.headline import task_headline
 from pipeline.views.intervals import compare_models, differences
 from pipeline.views.robustness import Example, accuracy, entropies, example, middle_size
-from pipeline.views.task_view import INPUTS, task_view
-from pipeline.vocabulary import ALL, KNOWN_DENSITY, WORKING
+from pipeline.views.task_view import INPUTS, TaskView, task_view
+from pipeline.vocabulary import ALL, BOLTZMANN, KNOWN_DENSITY, LESS, SAMPLER_SHIFT, WORKING
 from pipeline.workspace.project import Project, recorded_run
 
+BOTH = (BOLTZMANN, LESS)
+EXPLORED_TABLES = ("explored", "shifted_features")
 ROBUSTNESS = (
     "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
     "sensitivity_summary",
@@ -42,12 +52,12 @@ def run(project: Project, name: str) -> None:
         TaskTables(project.tables(name, INPUTS)) as inputs,
         TaskTables(project.tables(name, ("held_out", "rejected", *ROBUSTNESS))) as results,
     ):
-        view = task_view(inputs)
+        view = task_view(inputs, project.table(name, "explored_posteriors"))
         final = {model: steps[-1].marginal_theta for model, steps in view.beliefs.items()}
         figures = {
             "densities": densities_figure(view.curves),
             "density_map": map_figure(view.map),
-            "posterior": posterior_figure(final, view.labels, view.meaning),
+            "posterior": posterior_figure(final, view.labels, view.meaning, view.over),
         }
         held_out = results["held_out"].read(where=pl.col("set_id") == WORKING)
         if held_out.height:
@@ -56,12 +66,13 @@ def run(project: Project, name: str) -> None:
         if project.table(name, ROBUSTNESS[0]).exists():
             figures |= _robustness(results, view.labels, view.meaning)
             summary = results["robustness_summary"].read()
+            figures |= _explored(project, name, view, results["robustness_posteriors"])
         else:
             record.notes.append(f"no robustness study yet, so none of its figures: lessbench study robustness {name}")
         rejected = results["rejected"].read(where=~pl.col("reason").is_in(sorted(SET_ASIDE))).height
         recordings = view.demonstrations.height, rejected
         beliefs = {model: steps[-1] for model, steps in view.beliefs.items()}
-        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings, view.fits)
+        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings, view.fits, view.resting_on)
         write_figures(project, name, figures, numbers)
         record.produced = f"{len(figures)} figures"
 
@@ -87,6 +98,46 @@ def _robustness(tables: TaskTables, labels: tuple[str, ...], meaning: str) -> di
     if truth.height:
         figures["accuracy"] = accuracy_figure(truth, len(labels))
     return figures
+
+
+def _explored(project: Project, name: str, view: TaskView, posteriors: OpenTable) -> dict[str, Figure]:
+    """What ten samplers reach and say, beside the explored choice space; nothing if that is not explored."""
+    paths = [project.table(name, table) for table in EXPLORED_TABLES]
+    if not all(path.exists() for path in paths):
+        return {}
+    regions, drawn = (OpenTable(path, table) for path, table in zip(paths, EXPLORED_TABLES, strict=True))
+    with regions, drawn:
+        region = regions.read(["exploration", "model", "features"], where=pl.col("model") == LESS)
+        if region.is_empty() or not set(BOTH) <= set(view.explorations):
+            return {}
+        pair = [view.features[f] for f in (view.by_weight[0], view.by_weight[min(1, len(view.features) - 1)])]
+        places = [view.features.index(feature) for feature in pair]
+        largest = pl.col("set_size") == pl.col("set_size").max()
+        sets = drawn.read(["set_id", "set_size", *dict.fromkeys(pair)]).filter(largest)
+        first = region.filter(exploration=region["exploration"][0])["features"].to_numpy()[:, places]
+        one = view.demonstrations["demonstration_id"][0]
+        shifted = (pl.col("regime") == SAMPLER_SHIFT) & (pl.col("demonstration_id") == one)
+        sampled = posteriors.read(where=shifted & pl.col("model").is_in(BOTH)).filter(largest)
+    return {
+        "regions": regions_figure(
+            {str(key): rows.select(pair).to_numpy() for (key,), rows in sets.group_by("set_id", maintain_order=True)},
+            first * view.scale[places],
+            view.demonstration_phi[:, places],
+            (with_unit(pair[0], view.units[places[0]]), with_unit(pair[1], view.units[places[1]])),
+        ),
+        "ten_posteriors": before_after_figure(
+            _marginals(sampled), {model: view.explorations[model] for model in BOTH}, view.labels, view.meaning
+        ),
+    }
+
+
+def _marginals(rows: pl.DataFrame) -> dict[str, FloatArray]:
+    """By model, the posterior over theta, a row for each set."""
+    found = {}
+    for model in BOTH:
+        sets = rows.filter(model=model).sort("theta_id").partition_by("set_id", maintain_order=True)
+        found[model] = np.stack([one["posterior"].to_numpy() for one in sets])
+    return found
 
 
 def _example(posteriors: OpenTable) -> Example:

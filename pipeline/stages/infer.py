@@ -13,16 +13,16 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
-from pipeline.choice import posterior_from, theta_grid
+from pipeline.choice import posterior_from
 from pipeline.errors import StageError
 from pipeline.formats.parquet.partitions import Scaled, gathered
 from pipeline.formats.parquet.tables import table_writer, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Infer, Task
 from pipeline.stages.registry import parameters
-from pipeline.studies.posteriors import PART_ROWS, fit_rows, groups_of, held_out_rows, posterior_parts
+from pipeline.studies.posteriors import PART_ROWS, fit_rows, groups_of, held_out_rows, hypotheses, posterior_parts
 from pipeline.studies.support import at_edge, beyond, chance_notes, support_rows
-from pipeline.vocabulary import DIRECTIONS, WORKING, model_name
+from pipeline.vocabulary import WORKING, model_name
 from pipeline.workspace.compute.executor import Workers, workers
 from pipeline.workspace.compute.likelihoods import Question, likelihoods
 from pipeline.workspace.project import Project, recorded_run
@@ -71,36 +71,6 @@ def run(project: Project, name: str) -> None:
         record.notes += beyond(support)
         count = len(held_out) * len(groups)
         record.produced = f"{count:,} posteriors over {len(thetas)} thetas x {len(betas)} betas"
-
-
-def hypotheses(task: Task, settings: Infer, features: Sequence[str], directions: Sequence[str]) -> np.ndarray:
-    """The weight vectors (K, F) on scaled features: those the task lists, or a grid of directions.
-
-    In a grid a feature has the values that `thetas` gives for it, else those of `infer.theta_values` with the signs
-    of its direction.
-
-    Args:
-        task: whose hypotheses.
-        settings: the values of the grid.
-        features: names of the F features in the order of the tables.
-        directions: for each of them, a word of `DIRECTIONS`.
-
-    Raises:
-        StageError: the task lists weight vectors, and its features are not those of the tables, in their order.
-    """
-    if not isinstance(task.thetas, tuple):
-        own = {} if task.thetas == "grid" else task.thetas
-        amounts = np.array(settings.theta_values)
-        signed = {word: [*dict.fromkeys(np.outer(signs, amounts).ravel() + 0.0)] for word, signs in DIRECTIONS.items()}
-        values = [own.get(name, signed[word]) for name, word in zip(features, directions, strict=True)]
-        return theta_grid(values, sign=1)
-    if tuple(task.features) != tuple(features):
-        raise StageError(
-            f"the tables have the features {', '.join(features)} in this order and params.yaml has "
-            f"{', '.join(task.features)}, which the task's thetas are weights of; make the tables again with "
-            "`dvc repro --force --single-item featurize@TASK`, then `dvc repro`"
-        )
-    return np.array(task.thetas, dtype=np.float64)
 
 
 def _question(task: Task, settings: Infer, people: pl.DataFrame, tables: TaskTables) -> Question:

@@ -50,7 +50,7 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
         TableError: a table is missing or not what it should be.
     """
     with TaskTables(project.tables(name, INPUTS)) as tables:
-        view = task_view(tables)
+        view = task_view(tables, project.table(name, "explored_posteriors"))
         alternatives = _alternatives(project, name, scene, view, tables["alternatives"])
     tip = scene.end_effector
     paths = view.demonstrations["waypoints"].to_numpy()
@@ -183,14 +183,14 @@ def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
         *(f"**{sentence[0].upper()}{sentence[1:]}.**\n" for sentence in chance_notes(view.fits)),
         f"Weights in words are {view.meaning}.",
         "",
-        "All demonstrations together; thetas left: the exponential of the posterior's entropy.",
+        f"All demonstrations together, {view.over}; thetas left: the exponential of the posterior's entropy.",
         "",
         f"Bandwidth of the working set: {view.bandwidth:.4f} in scaled features ({project.params.density.bandwidth}).",
         "",
         f"Drawn: {_drawn(view)}. Other sets and single samplers: panel on the left, `scene`, `alternatives`, the eyes.",
         "",
         f"From `datasets/{name}/tables`: arm and paths `demonstrations`, `alternatives`; densities `features`, "
-        "`densities`, `scales`; bars `posteriors`; KLAggregate (median over participants, 95 % interval) "
-        "`robustness_summary`. All in `datasets/catalog.duckdb`; ask with `lessbench sql`.",
+        "`densities`, `scales`; bars `explored_posteriors` or `posteriors`; KLAggregate (median over participants, "
+        "95 % interval) `robustness_summary`. All in `datasets/catalog.duckdb`; ask with `lessbench sql`.",
     ]
     return "\n".join(lines)

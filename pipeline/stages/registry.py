@@ -135,6 +135,18 @@ STAGES = (
         makes=("posteriors", "held_out", "support", "fits"),
     ),
     Stage(
+        "explore", Scope.TASK, "explore", "pipeline.stages.explore",
+        parameters=(
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
+            "tasks.{task}.anchor", "tasks.{task}.features", "tasks.{task}.thetas",
+            "ingest.waypoints", "infer.theta_values", "infer.betas", "explore",
+        ),
+        reads=("demonstrations", "alternatives", "scales"),
+        inputs=(SCENE,),
+        makes=("choice_space", "convergence", "explored", "explored_posteriors"),
+        features=True,
+    ),
+    Stage(
         "shift", Scope.TASK, "shift", "pipeline.stages.shift",
         parameters=(
             "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
@@ -168,7 +180,7 @@ STAGES = (
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",
             "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
-            "sensitivity_summary", "duplicates_summary", "fits",
+            "sensitivity_summary", "duplicates_summary", "fits", "explored", "explored_posteriors", "shifted_features",
         ),
         outputs=("datasets/{task}/figures",),
         metrics=("datasets/{task}/metrics.json",),
@@ -180,7 +192,7 @@ STAGES = (
         ),
         reads=(
             "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
-            "fits",
+            "fits", "explored_posteriors",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/inspect.rrd",),
@@ -235,6 +247,7 @@ STAGES = (
     ),
 )  # fmt: skip
 # parameters that may be left out; DVC cannot wait for what is not there, and then waits for the whole task instead
+OPTIONAL_SECTIONS = ("explore",)  # of params.yaml; a stage waits for one only if it is there
 OPTIONAL = ("tasks.{task}.joints", "tasks.{task}.joint_names")
 # parameters that a stage may read without declaring them, with the reason why that changes no result
 UNDECLARED = {

@@ -16,9 +16,8 @@ from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
-from pipeline.stages.infer import hypotheses
 from pipeline.stages.registry import parameters
-from pipeline.studies.posteriors import PART_ROWS
+from pipeline.studies.posteriors import PART_ROWS, hypotheses
 from pipeline.studies.robustness.divergence import true_direction
 from pipeline.studies.robustness.duplicates import inject_duplicates
 from pipeline.studies.robustness.problem import ChoiceSets, Demonstrations, Problem

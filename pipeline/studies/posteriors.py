@@ -1,4 +1,4 @@
-"""Rows of the tables `posteriors`, `held_out` and `fits`, from the log likelihoods of demonstrations."""
+"""What posteriors are formed over, and rows of the tables `posteriors`, `held_out` and `fits`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
-from pipeline.choice import held_out_from, posterior_from
+from pipeline.choice import held_out_from, posterior_from, theta_grid
 from pipeline.choice.chance import needed_gain
-from pipeline.vocabulary import ALL
+from pipeline.errors import StageError
+from pipeline.params import Infer, Task
+from pipeline.vocabulary import ALL, DIRECTIONS
 
 PART_ROWS = 1 << 18  # rows of posteriors that are in memory at once, unless one group alone has more hypotheses
 Group = tuple[str, str, list[int]]  # demonstration_id, participant, rows of the demonstrations
@@ -29,6 +31,36 @@ def groups_of(people: pl.DataFrame) -> list[Group]:
         rows.setdefault(participant, []).append(row)
     several = [(ALL, participant, theirs) for participant, theirs in rows.items() if 1 < len(theirs) < len(singles)]
     return [*singles, *several, (ALL, ALL, list(range(len(singles))))]
+
+
+def hypotheses(task: Task, settings: Infer, features: Sequence[str], directions: Sequence[str]) -> np.ndarray:
+    """The weight vectors (K, F) on scaled features: those the task lists, or a grid of directions.
+
+    In a grid a feature has the values that `thetas` gives for it, else those of `infer.theta_values` with the signs
+    of its direction.
+
+    Args:
+        task: whose hypotheses.
+        settings: the values of the grid.
+        features: names of the F features in the order of the tables.
+        directions: for each of them, a word of `DIRECTIONS`.
+
+    Raises:
+        StageError: the task lists weight vectors, and its features are not those of the tables, in their order.
+    """
+    if not isinstance(task.thetas, tuple):
+        own = {} if task.thetas == "grid" else task.thetas
+        amounts = np.array(settings.theta_values)
+        signed = {word: [*dict.fromkeys(np.outer(signs, amounts).ravel() + 0.0)] for word, signs in DIRECTIONS.items()}
+        values = [own.get(name, signed[word]) for name, word in zip(features, directions, strict=True)]
+        return theta_grid(values, sign=1)
+    if tuple(task.features) != tuple(features):
+        raise StageError(
+            f"the tables have the features {', '.join(features)} in this order and params.yaml has "
+            f"{', '.join(task.features)}, which the task's thetas are weights of; make the tables again with "
+            "`dvc repro --force --single-item featurize@TASK`, then `dvc repro`"
+        )
+    return np.array(task.thetas, dtype=np.float64)
 
 
 def posterior_parts(

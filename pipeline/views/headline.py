@@ -26,6 +26,7 @@ def task_headline(
     summary: pl.DataFrame | None,
     recordings: tuple[int, int],
     fits: pl.DataFrame,
+    resting_on: Sequence[str] = (),
 ) -> Numbers:
     """The headline numbers of a task, from all of its demonstrations together.
 
@@ -36,20 +37,23 @@ def task_headline(
         summary: the table `robustness_summary`, or None if the study was not run.
         recordings: number of recordings that were used, and that were rejected.
         fits: the table `fits`.
+        resting_on: what the posterior of each model rests on.
 
     Returns:
         `recordings`: `used`, `rejected`. For each model: `best`, the most probable theta in words, or that none is
-        better than chance; `gain`, of the best log likelihood over that of theta = 0 (nats); its `posterior`,
-        summed over beta; the `beta` that is most probable with it; the `entropy` of the posterior over theta (nats);
-        `held_out`, the mean log predictive probability of a demonstration given the others (nats); and `kl_aggregate`,
-        for each regime the median over single demonstrations with the largest sets (nats).
+        better than chance; `over`, what the posterior rests on; `gain`, of the best log likelihood over that of theta =
+        0 (nats); its `posterior`, summed over beta; the `beta` that is most probable with it; the `entropy` of the
+        posterior over theta (nats); `held_out`, the mean log predictive probability of a demonstration given the others
+        (nats); and `kl_aggregate`, for each regime the median over single demonstrations with the largest sets (nats).
     """
     numbers: Numbers = {"recordings": dict(zip(("used", "rejected"), recordings, strict=True))}
+    over = dict(zip(beliefs, resting_on, strict=False))
     for model, belief in beliefs.items():
         best = belief.map_index
         together = fits.filter(model=model, demonstration_id=ALL, participant=ALL).row(0, named=True)
         model_numbers: Numbers = {
             "best": in_words(labels[best], together["better"]),
+            **({"over": over[model]} if model in over else {}),
             "gain": _short(together["log_likelihood"] - together["log_chance"]),
             "posterior": _short(belief.marginal_theta[best]),
             "beta": _short(belief.betas[int(np.argmax(belief.log_probability[best]))]),

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.choice import Posterior, posterior_from
+from pipeline.choice.logspace import log_sum_exp
 from pipeline.formats.parquet.checked.open_table import OpenTable
+from pipeline.formats.parquet.tables import read_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.views.task_summary import (
     DensityCurve,
@@ -19,7 +23,7 @@ from pipeline.views.task_summary import (
     theta_labels,
     theta_meaning,
 )
-from pipeline.vocabulary import WORKING
+from pipeline.vocabulary import POOLED, WORKING, model_name
 
 ALTERNATIVE = ["alternative_id", "anchor", "sampler", "set_size", "set_id"]
 
@@ -36,6 +40,7 @@ class TaskView:
         demonstration_phi: (n, F) raw feature values of each demonstration.
         features: (F,) names of the features.
         units: (F,) their units.
+        scale: (F,) what raw values are divided by.
         by_weight: (F,) indices of the features, by descending mean weight under the final posterior.
         log_weights: (N,) log weight of each alternative under LESS.
         independent: rows of the table `alternatives` for the other sets with the same anchor, with the `log_weight` of
@@ -46,6 +51,8 @@ class TaskView:
         labels: (K,) the hypotheses in words.
         meaning: what the numbers in the labels mean.
         beliefs: for each model, the posterior before any demonstration and after each.
+        resting_on: for each model, what these rest on, `explored choice space` or the sampled `set of 1,000`.
+        explorations: for each explored model, (R, K) the posterior over theta of the first demonstration, by run.
         fits: the table `fits`.
     """
 
@@ -55,6 +62,7 @@ class TaskView:
     demonstration_phi: FloatArray
     features: tuple[str, ...]
     units: tuple[str, ...]
+    scale: FloatArray
     by_weight: tuple[int, ...]
     log_weights: FloatArray
     independent: pl.DataFrame
@@ -64,21 +72,38 @@ class TaskView:
     labels: tuple[str, ...]
     meaning: str
     beliefs: dict[str, list[Posterior]]
+    resting_on: tuple[str, ...]
+    explorations: dict[str, FloatArray]
     fits: pl.DataFrame
+
+    @property
+    def over(self) -> str:
+        """What the beliefs are over, in words."""
+        return over_what(tuple(self.beliefs), self.resting_on)
 
 
 INPUTS = ("demonstrations", "alternatives", "features", "densities", "scales", "posteriors", "fits")
+EXPLORED = "explored choice space"
 
 
-def task_view(tables: TaskTables) -> TaskView:
+def task_view(tables: TaskTables, explored: Path) -> TaskView:
     """Read and check the tables INPUTS of a task.
+
+    Args:
+        tables: these.
+        explored: the table `explored_posteriors`, which need not be there.
 
     Raises:
         TableError: a table is missing or fails its checks.
     """
     tables.check()
     demonstrations = tables["demonstrations"].read()
-    beliefs = _beliefs(tables["posteriors"], tuple(demonstrations["demonstration_id"]))
+    ids = tuple(demonstrations["demonstration_id"])
+    sampled = _beliefs(tables["posteriors"], ids)
+    runs = {model: found for model, found in explored_runs(explored, ids).items() if model in sampled}
+    beliefs = sampled | {
+        model: [mean_posterior(steps) for steps in zip(*found, strict=True)] for model, found in runs.items()
+    }
     final = list(beliefs.values())[-1][-1]
     order = _by_weight(final)
     space = _feature_space(tables, demonstrations["demonstration_id"])
@@ -89,6 +114,7 @@ def task_view(tables: TaskTables) -> TaskView:
         demonstration_phi=space.demonstration_phi,
         features=space.names,
         units=space.units,
+        scale=space.scale,
         by_weight=tuple(order),
         log_weights=space.log_weights,
         independent=space.independent,
@@ -98,6 +124,11 @@ def task_view(tables: TaskTables) -> TaskView:
         labels=theta_labels(final.thetas, space.names),
         meaning=theta_meaning(final.thetas),
         beliefs=beliefs,
+        resting_on=tuple(
+            f"set of {space.alternatives.height:,}" if beliefs[model] is sampled[model] else EXPLORED
+            for model in beliefs
+        ),
+        explorations={model: np.stack([run[1].marginal_theta for run in found]) for model, found in runs.items()},
         fits=tables["fits"].read(),
     )
 
@@ -167,6 +198,38 @@ def _beliefs(posteriors: OpenTable, demonstration_ids: tuple[str, ...]) -> dict[
         model: _sequence(rows.filter(model=model), demonstration_ids)
         for model in rows["model"].unique(maintain_order=True)
     }
+
+
+def explored_runs(path: Path, demonstration_ids: tuple[str, ...]) -> dict[str, list[list[Posterior]]]:
+    """For each model and exploration of the choice space, the posterior before any demonstration and after each.
+
+    Nothing if the table is not there or has other demonstrations.
+    """
+    if not path.exists():
+        return {}
+    rows = read_table(path, "explored_posteriors").filter(pl.col("exploration") != POOLED)
+    if not set(demonstration_ids) <= set(rows["demonstration_id"]):
+        return {}
+    return {
+        str(model): [
+            _sequence(part, demonstration_ids) for part in of_model.partition_by("exploration", maintain_order=True)
+        ]
+        for (model,), of_model in rows.group_by("model", maintain_order=True)
+    }
+
+
+def over_what(models: Sequence[str], resting_on: Sequence[str]) -> str:
+    """What the posteriors of some models are over, in words."""
+    if len(set(resting_on)) == 1:
+        return f"over the {resting_on[0]}"
+    return ", ".join(f"{model_name(model)} over the {one}" for model, one in zip(models, resting_on, strict=True))
+
+
+def mean_posterior(posteriors: Sequence[Posterior]) -> Posterior:
+    """The mean of several over the same hypotheses."""
+    log_p = np.stack([one.log_probability for one in posteriors])
+    mean = np.asarray(log_sum_exp(log_p, axis=0) - np.log(len(log_p)))
+    return Posterior(posteriors[0].thetas, posteriors[0].betas, mean)
 
 
 def read_waypoints(alternatives: OpenTable, ids: pl.Series) -> FloatArray:

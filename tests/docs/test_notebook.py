@@ -37,7 +37,10 @@ def test_it_says_what_sql_says(
     for code in CODE:
         exec(compile(code, "docs/notebook.ipynb", "exec"), names)
 
-    question = "from best_hypothesis where participant = 'all' and set_id = 'working' order by task, model"
+    question = (
+        "select * exclude (shown) from best_hypothesis where participant = 'all' and set_id = 'working' "
+        "order by task, model"
+    )
     assert_frame_equal(names["together"], ask(project.catalog, question), check_column_order=False, check_dtypes=False)
     question = f"select {', '.join(names['lead'].columns)} from model_comparison order by task, model"
     assert_frame_equal(names["lead"], ask(project.catalog, question))

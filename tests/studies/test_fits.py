@@ -9,8 +9,7 @@ from scipy.stats import chi2
 from pipeline.choice import Boltzmann, log_likelihood
 from pipeline.choice.chance import needed_gain
 from pipeline.params import parse
-from pipeline.stages.infer import hypotheses
-from pipeline.studies.posteriors import Group, fit_rows
+from pipeline.studies.posteriors import Group, fit_rows, hypotheses
 from pipeline.studies.support import chance_notes
 from tests.support.gantry_project import PARAMETERS
 

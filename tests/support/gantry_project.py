@@ -78,6 +78,10 @@ PARAMETERS: dict[str, Any] = {
         },
     },
     "infer": {"models": ["boltzmann", "less"], "theta_values": [0, 0.5, 1], "betas": [0.3, 3, 30]},
+    "explore": {
+        "explorations": 2, "evaluations": 2000, "most_evaluations": 4000, "tolerance": 0.02, "effort_multiple": None,
+        "width_rad": None, "modes": 4, "largest_step": None, "cell": None,
+    },
     "robustness": {
         "samplers": {
             "near": {"kind": "deformation", "width_rad": 0.1}, "far": {"kind": "deformation", "width_rad": 0.3},

@@ -39,6 +39,7 @@ def make_small_project(root: Path) -> None:
     params["sample"] |= {"sizes": [5, 20], "sets": 2, "working_set": 30}
     params["sample"]["planner"]["paths"] = 2
     params["infer"]["betas"] = [0.3, 3, 30]
+    params["explore"] |= {"evaluations": 2000, "most_evaluations": 2000}
     robustness = params["robustness"]
     robustness["samplers"] = {name: robustness["samplers"][name] for name in ("deformation_narrow", "deformation")}
     robustness["duplicates"] |= {"set_size": 20, "copied": 2, "copies": [1], "spreads": [0, 0.1]}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -97,6 +97,8 @@ def _fill(
     for name, view in VIEWS.items():
         if set(view.tables) <= set(tables):
             _add_view(con, name, view)
+        elif view.without is not None and view.tables[0] in tables:
+            _add_view(con, name, replace(view, select=view.without))
     con.execute("checkpoint")
     return rows
 

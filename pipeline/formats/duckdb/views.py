@@ -8,12 +8,16 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class View:
-    """A view: the tables it is made from, what it says, its select, and its columns that none of these tables has."""
+    """A view: the tables it is made from, what it says, its select, and its columns that none of these tables has.
+
+    Where not all of its tables are there but the first is, the view is made by `without`, if it has that.
+    """
 
     tables: tuple[str, ...]
     comment: str
     select: str
     columns: Mapping[str, str] = field(default_factory=dict)
+    without: str | None = None
 
 
 # what is known of the files behind the tables; they have no file of their own
@@ -43,49 +47,75 @@ PROVENANCE_TABLES: Mapping[str, tuple[str, Mapping[str, str]]] = {
     ),
 }
 _KEYS = "task, demonstration_id, participant, model, set_size, set_id"
+_SHOWN_KEYS = f"{_KEYS}, shown"
+_HYPOTHESIS = "theta_id, theta, beta, log_posterior, posterior"
+_SHOWN = {
+    "shown": "whether this is the answer that figures and reports show: that over the explored choice space, or "
+    "over the working set where there is no other"
+}
 _POSTERIOR = "of the most probable hypothesis (theta and beta)"
 
 VIEWS: Mapping[str, View] = {
+    "every_posterior": View(
+        ("posteriors", "explored_posteriors"),
+        "the posteriors over all sets of alternatives, and those over the explored choice space, pooled, with set_id "
+        "`explored` and set_size 0, as it is no set",
+        f"""select {_KEYS}, {_HYPOTHESIS},
+                  set_id = 'working' and (task, model) not in (select distinct task, model from explored_posteriors)
+                    as shown
+           from posteriors
+           union all by name
+           select task, demonstration_id, participant, model, 0 as set_size, 'explored' as set_id, {_HYPOTHESIS},
+                  true as shown
+           from explored_posteriors where exploration = 'pooled'""",
+        _SHOWN,
+        f"select {_KEYS}, {_HYPOTHESIS}, set_id = 'working' as shown from posteriors",
+    ),
     "best_hypothesis": View(
         ("posteriors",),
-        "the most probable theta and beta of each demonstration (`all`: together), model and set",
-        f"""select {_KEYS},
+        "the most probable theta and beta of each demonstration (`all`: together), model and set; those of the "
+        "explored choice space have set_id `explored`",
+        f"""select {_SHOWN_KEYS},
                   arg_max(theta_id, log_posterior) as theta_id, arg_max(theta, log_posterior) as theta,
                   arg_max(beta, log_posterior) as beta, max(posterior) as posterior
-           from posteriors group by all order by all""",
-        {"posterior": f"probability {_POSTERIOR}"},
+           from every_posterior group by all order by all""",
+        {"posterior": f"probability {_POSTERIOR}", **_SHOWN},
     ),
     "best_weights": View(
         ("posteriors", "scales"),
         "best_hypothesis with one row per feature, so that weights have names",
         f"""with named as (select task, list(feature order by rowid) as features from scales group by task)
-           select {_KEYS}, unnest(features) as feature, unnest(theta) as weight, beta, posterior
+           select {_SHOWN_KEYS}, unnest(features) as feature, unnest(theta) as weight, beta, posterior
            from best_hypothesis join named using (task)
            order by task, participant, demonstration_id, model, set_size, set_id, list_position(features, feature)""",
-        {"weight": "of the feature in theta: reward per scaled unit; a cost is negative", "posterior": _POSTERIOR},
+        {
+            "weight": "of the feature in theta: reward per scaled unit; a cost is negative",
+            "posterior": _POSTERIOR,
+            **_SHOWN,
+        },
     ),
     "theta_marginals": View(
         ("posteriors",),
         "the posterior over theta alone, beta summed out",
-        f"""select {_KEYS}, theta_id, any_value(theta) as theta, sum(posterior) as posterior
-           from posteriors group by {_KEYS}, theta_id""",
-        {"posterior": "probability of the theta; sums to 1 over theta"},
+        f"""select {_SHOWN_KEYS}, theta_id, any_value(theta) as theta, sum(posterior) as posterior
+           from every_posterior group by {_SHOWN_KEYS}, theta_id""",
+        {"posterior": "probability of the theta; sums to 1 over theta", **_SHOWN},
     ),
     "beta_marginals": View(
         ("posteriors",),
         "the posterior over beta alone, theta summed out: how strictly people optimise",
-        f"select {_KEYS}, beta, sum(posterior) as posterior from posteriors group by {_KEYS}, beta",
-        {"posterior": "probability of the beta; sums to 1 over beta"},
+        f"select {_SHOWN_KEYS}, beta, sum(posterior) as posterior from every_posterior group by {_SHOWN_KEYS}, beta",
+        {"posterior": "probability of the beta; sums to 1 over beta", **_SHOWN},
     ),
     "beta_at_edge": View(
         ("posteriors",),
         "where the most probable beta of all demonstrations together is the first or last of the grid, so that the "
         "grid is too short, or people choose at random",
-        """select task, model, set_size, set_id, arg_max(beta, posterior) as beta,
+        """select task, model, set_size, set_id, shown, arg_max(beta, posterior) as beta,
                   case when arg_max(beta, posterior) = min(beta) then 'least' else 'greatest' end as edge
-           from beta_marginals where participant = 'all' group by task, model, set_size, set_id
+           from beta_marginals where participant = 'all' group by task, model, set_size, set_id, shown
            having count(*) > 1 and arg_max(beta, posterior) in (min(beta), max(beta)) order by all""",
-        {"edge": "`least` or `greatest` of the grid"},
+        {"edge": "`least` or `greatest` of the grid", **_SHOWN},
     ),
     "model_comparison": View(
         ("held_out",),
@@ -113,8 +143,9 @@ VIEWS: Mapping[str, View] = {
     "disagreement_between_sets": View(
         ("posteriors",),
         "how much the answer hangs on which alternatives were sampled: best theta and posterior over theta, compared "
-        "between the sets of one size (the working set left out); KLAggregate is in robustness",
-        f"""with one as (select * from theta_marginals where set_id <> 'working'),
+        "between the sets of one size (the working set and the explored choice space left out); KLAggregate is in "
+        "robustness",
+        f"""with one as (select * from theta_marginals where set_id not in ('working', 'explored')),
                 pairs as (
                   select task, demonstration_id, participant, model, set_size, a.set_id as first, b.set_id as second,
                          sum(abs(a.posterior - b.posterior)) / 2 as variation
@@ -145,13 +176,15 @@ VIEWS: Mapping[str, View] = {
     "disagreement_between_models": View(
         ("posteriors",),
         "whether two models say the same of the same demonstrations and alternatives",
-        """select task, demonstration_id, participant, set_size, set_id, a.model, b.model as other_model,
+        """select task, demonstration_id, participant, set_size, set_id, a.shown and b.shown as shown, a.model,
+                  b.model as other_model,
                   arg_max(theta_id, a.posterior) as theta_id, arg_max(theta_id, b.posterior) as other_theta_id,
                   sum(abs(a.posterior - b.posterior)) / 2 as total_variation
            from theta_marginals a
            join theta_marginals b using (task, demonstration_id, participant, set_size, set_id, theta_id)
            where a.model < b.model group by all order by all""",
         {
+            **_SHOWN,
             "other_model": "the model it is compared with",
             "other_theta_id": "most probable theta under that one",
             "total_variation": "total variation distance of the posteriors over theta: 0 is the same, 1 nothing in "
@@ -161,7 +194,7 @@ VIEWS: Mapping[str, View] = {
     "people_against_group": View(
         ("posteriors",),
         "what one demonstration says beside what all together say: whose says something else",
-        f"""select {", ".join("one." + name for name in _KEYS.split(", "))}, one.theta_id, one.theta,
+        f"""select {", ".join("one." + name for name in _SHOWN_KEYS.split(", "))}, one.theta_id, one.theta,
                   pooled.theta_id as group_theta_id, pooled.theta as group_theta,
                   one.theta_id <> pooled.theta_id as differs,
                   degrees(acos(greatest(-1, least(1, list_cosine_similarity(one.theta, pooled.theta))))) as angle_deg
@@ -169,6 +202,7 @@ VIEWS: Mapping[str, View] = {
            where one.demonstration_id <> 'all' and pooled.participant = 'all'
            order by all""",
         {
+            **_SHOWN,
             "group_theta_id": "most probable theta of all demonstrations together",
             "group_theta": "its weights",
             "differs": "whether the two are different thetas",
@@ -187,10 +221,10 @@ VIEWS: Mapping[str, View] = {
     "lineage": View(
         ("posteriors", "demonstrations"),
         "from each posterior back to the recordings it is inferred from, one row per recording, with the hashes of "
-        "what it was made from; joins posteriors on its first six columns",
-        f"""with asked as (select distinct {_KEYS} from posteriors),
+        "what it was made from; joins every_posterior on its first six columns",
+        f"""with asked as (select distinct {_KEYS} from every_posterior),
                 demo_files as (select task, file from files where table_name = 'demonstrations'),
-                posterior_files as (select * from files where table_name = 'posteriors')
+                posterior_files as (select * from files where table_name in ('posteriors', 'explored_posteriors'))
            select asked.*, d.demonstration_id as recorded_as, i.input as recording, i.sha256 as recording_sha256,
                   f.file as posterior_file, f.sha256 as posterior_sha256, f.parameters, f.program
            from asked
@@ -199,7 +233,8 @@ VIEWS: Mapping[str, View] = {
            left join demo_files on demo_files.task = asked.task
            left join inputs i on i.file = demo_files.file
                and (i.input = d.source or ends_with(i.input, '/' || d.source))
-           left join posterior_files f on f.task = asked.task order by all""",
+           left join posterior_files f on f.task = asked.task
+               and (f.table_name = 'explored_posteriors') = (asked.set_id = 'explored') order by all""",
         {
             "recorded_as": "demonstration_id of the recording",
             "recording": "path of the recording within the project",

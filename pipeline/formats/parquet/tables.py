@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any
 
 from pipeline.errors import TableError
 from pipeline.formats.files.atomic import written_whole
@@ -133,3 +133,20 @@ def read_table(path: Path, name: str, columns: Sequence[str] | None = None) -> p
     with OpenTable(path, name) as table:
         rows = table.read()
     return rows if columns is None else rows.select(columns)
+
+
+def empty_table(name: str, lengths: Mapping[str, int]) -> pl.DataFrame:
+    """No rows in the columns of the schema `name`.
+
+    Args:
+        name: of the schema.
+        lengths: of arrays, by the letters that the schema has for them.
+    """
+    import polars as pl
+
+    types = {"string": pl.String, "bool": pl.Boolean, "int64": pl.Int64, "float": pl.Float32, "double": pl.Float64}
+    columns: dict[str, Any] = {}
+    for column in schema(name).columns:
+        shape = tuple(lengths[letter] for letter in reversed(column.lengths))
+        columns[column.name] = pl.Array(types[column.scalar], shape) if shape else types[column.scalar]
+    return pl.DataFrame(schema=columns)

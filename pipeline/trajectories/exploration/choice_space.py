@@ -33,6 +33,12 @@ from pipeline.trajectories.paths import (
 Assess = Callable[[FloatArray], tuple[FloatArray, NDArray[np.bool_]]]
 """(N, T, J) waypoints to (N, F) scaled features and (N,) whether the scene allows each: one replay for both."""
 
+Measure = Callable[[FloatArray], FloatArray]
+"""(N, T, J) waypoints to (N, F) scaled features, without asking the scene."""
+
+Wanted = Callable[[FloatArray, NDArray[np.intp]], NDArray[np.bool_]]
+"""(M, F) features and (M,) rows to (M,) whether a trajectory with these is of use."""
+
 MARGIN = 1.25  # how much more effort than the most wasteful demonstration the default bound allows
 
 
@@ -51,6 +57,7 @@ class ChoiceSpace:
         decay: half wave k of the base measure has an amplitude proportional to k^-decay. Above 3/2 the expected
             effort stays finite as K grows, so the base measure does not depend on where the sum is cut.
         largest_step: (J,) most that a joint may move from one waypoint to the next; None: no limit of speed.
+        measure: the features alone, for `evaluate_wanted`, where that is cheaper than `assess`; None: it is not.
 
     Raises:
         ArgumentError: a number is out of range, or an end is outside the limits.
@@ -66,6 +73,7 @@ class ChoiceSpace:
     modes: int = 8
     decay: float = 2.0
     largest_step: FloatArray | None = None
+    measure: Measure | None = None
 
     def __post_init__(self) -> None:
         require_positive("width_rad", self.width_rad)
@@ -141,18 +149,43 @@ class ChoiceSpace:
 
         The cheap tests come first: effort, then limits and speed, then the replay.
         """
+        inside, waypoints = self._within_bounds(z)
+        values, allowed = self.assess(waypoints)
+        features = np.full((len(z), values.shape[1]), np.nan)
+        features[inside] = values
+        inside[inside] = allowed
+        features[~inside] = np.nan
+        return features, inside
+
+    def evaluate_wanted(self, z: FloatArray, wanted: Wanted) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """As `evaluate`, but for those that are not wanted, whose features are NaN and which count as non-members.
+
+        The scene, which takes most of the time, is only asked about the others.
+        """
+        if self.measure is None:
+            features, inside = self.evaluate(z)
+            rows = np.flatnonzero(inside)
+            inside[rows] = wanted(features[rows], rows)
+        else:
+            inside, waypoints = self._within_bounds(z)
+            values = self.measure(waypoints)
+            features = np.full((len(z), values.shape[1]), np.nan)
+            features[inside] = values
+            useful = wanted(values, np.flatnonzero(inside))
+            inside[inside] = useful
+            inside[inside] = self.assess(waypoints[useful])[1]
+        features[~inside] = np.nan
+        return features, inside
+
+    def _within_bounds(self, z: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+        """(N,) whether effort, limits and speed allow each, and the waypoints of those they allow."""
         inside = self.effort(z) <= self.most_effort
         waypoints = self.decode(z[inside])
         kept = within_limits(waypoints, self.lower, self.upper)
         if self.largest_step is not None:
             kept &= (np.abs(np.diff(waypoints, axis=1)) <= self.largest_step).all(axis=(1, 2))
         inside[inside] = kept
-        values, allowed = self.assess(waypoints if kept.all() else waypoints[kept])
-        features = np.full((len(z), values.shape[1]), np.nan)
-        features[inside] = values
-        inside[inside] = allowed
-        features[~inside] = np.nan
-        return features, inside
+        return inside, waypoints if kept.all() else waypoints[kept]
 
     def draw_base(self, rng: np.random.Generator, count: int, attempts: int = 1000) -> tuple[FloatArray, FloatArray]:
         """`count` draws from the base measure cut to the space, by rejection: z (count, K, J), features (count, F).

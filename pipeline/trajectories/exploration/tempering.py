@@ -151,25 +151,31 @@ class _Walkers:
     ) -> None:
         self.space, self.omega, self.z, self.features, self.sizes = space, omega, z, features, sizes
         self._centre = z.mean(axis=1, keepdims=True)
-        self._log_ratio = self._relative(z, features)
+        self._log_ratio = self._relative()
 
     def sweep(self, rng: np.random.Generator, acceptance: float) -> None:
         """One preconditioned Crank-Nicolson move of every walker; the step size follows the share accepted."""
         size = self.sizes[:, None, None, None]
         kept = self._centre + np.sqrt(1 - size**2) * (self.z - self._centre)
         proposed = kept + size * rng.standard_normal(self.z.shape)
-        features, inside = self.space.evaluate(proposed.reshape(-1, *proposed.shape[2:]))
-        features, inside = features.reshape(self.features.shape), inside.reshape(self._log_ratio.shape)
-        log_ratio = self._relative(proposed, np.where(inside[..., None], features, 0.0))
-        accepted = inside & (np.log1p(-rng.random(inside.shape)) < log_ratio - self._log_ratio)
+        shift = self._shift(proposed).ravel()
+        enough = np.log1p(-rng.random(self._log_ratio.shape)).ravel() + self._log_ratio.ravel() + shift
+        count = self.z.shape[1]
+        features, accepted = self.space.evaluate_wanted(
+            proposed.reshape(-1, *proposed.shape[2:]),
+            lambda phi, rows: np.asarray((self.omega[rows // count] * phi).sum(axis=1) > enough[rows]),
+        )
+        accepted, features = accepted.reshape(self._log_ratio.shape), features.reshape(self.features.shape)
         self.z[accepted], self.features[accepted] = proposed[accepted], features[accepted]
-        self._log_ratio[accepted] = log_ratio[accepted]
+        self._log_ratio = self._relative()
         self.sizes = np.clip(self.sizes * np.exp(0.5 * (accepted.mean(axis=1) - acceptance)), *_STEPS)
 
-    def _relative(self, z: FloatArray, features: FloatArray) -> FloatArray:
+    def _relative(self) -> FloatArray:
         """(R, N) log of the tilted measure relative to the Gaussian N(centre, I) that the moves leave as it is."""
-        shift = np.einsum("rkj,rnkj->rn", self._centre[:, 0], z)
-        return np.asarray(np.einsum("rf,rnf->rn", self.omega, features) - shift)
+        return np.asarray(np.einsum("rf,rnf->rn", self.omega, self.features) - self._shift(self.z))
+
+    def _shift(self, z: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("rkj,rnkj->rn", self._centre[:, 0], z))
 
 
 def _next_step(rewards: FloatArray, room: FloatArray, share: float) -> FloatArray:

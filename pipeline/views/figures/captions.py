@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 TASK_FIGURES: Mapping[str, str] = {
     "posterior": "What all demonstrations together say: the posterior over the weights, beta summed out, under each "
-    "model.",
+    "model, over the explored choice space where there is one.",
     "held_out": "How well each model predicts a demonstration from all others: log predictive probability, and how "
     "much better than Boltzmann. Dots are demonstrations, bars one standard error of the mean.",
     "density_map": "Density of the alternatives over the two features that weigh most, with the demonstrations.",
@@ -25,6 +25,13 @@ TASK_FIGURES: Mapping[str, str] = {
     "sensitivity": "KLAggregate and entropy when one choice of the study is made otherwise. An arrow is a value "
     "beyond the panel.",
 }
+EXPLORED_FIGURES: Mapping[str, str] = {
+    "regions": "Where the samplers of the study draw, and what the choice space reaches, along the two features that "
+    "weigh most: each sampler covers a part of its own.",
+    "ten_posteriors": "The posterior of the first demonstration from each sampler's largest set, and from each "
+    "exploration of the choice space: lines that coincide agree.",
+}
+"""Shown in the report, beside the others."""
 STUDY_FIGURES: Mapping[str, str] = {
     "human_choice": "What people chose, and what each model predicts. Bars are exact 95 % intervals of the observed "
     "share.",

@@ -16,6 +16,7 @@ from pipeline.views.figures.style import (
     in_style,
     model_color,
     new_figure,
+    probability_axis,
     sequential_map,
     with_unit,
 )
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
     from pipeline.views.task_summary import DensityCurve, DensityMap
 
 _MOST_ROWS = 10  # hypotheses with a row of their own
+_COLORS = (
+    palette.BLUE, palette.ORANGE, palette.GREEN, palette.SKY, palette.VERMILLION, palette.YELLOW, palette.GREY,
+)  # fmt: skip
+_MARKERS = ("o", "^")
 
 
 @in_style
@@ -87,13 +92,16 @@ def map_figure(density: DensityMap) -> Figure:
 
 
 @in_style
-def posterior_figure(posteriors: Mapping[str, FloatArray], labels: Sequence[str], meaning: str) -> Figure:
+def posterior_figure(
+    posteriors: Mapping[str, FloatArray], labels: Sequence[str], meaning: str, over: str = ""
+) -> Figure:
     """The posterior of each model given all demonstrations.
 
     Args:
         posteriors: for each model, (K,) probabilities.
         labels: (K,) the hypotheses in words.
         meaning: what the numbers in the labels mean.
+        over: what the posteriors are over, such as "over the explored choice space".
     """
     models = tuple(posteriors)
     order = np.argsort(-np.max(list(posteriors.values()), axis=0), kind="stable")[:_MOST_ROWS]
@@ -115,7 +123,78 @@ def posterior_figure(posteriors: Mapping[str, FloatArray], labels: Sequence[str]
     ax.set_ylim(len(names) - 0.5, -0.5)
     ax.set_xlim(0, None)
     ax.grid(axis="x")
-    ax.set_xlabel("posterior, all demonstrations", loc="right")
+    ax.set_xlabel("posterior, all demonstrations" + (f",\n{over}" if over else ""), loc="right")
     ax.set_ylabel(meaning)
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper right", ncols=len(models))
+    return figure
+
+
+@in_style
+def regions_figure(
+    samplers: Mapping[str, FloatArray], region: FloatArray, demonstrations: FloatArray, axes_labels: tuple[str, str]
+) -> Figure:
+    """Where samplers draw, and the region that the choice space reaches, along two features.
+
+    Args:
+        samplers: by sampler, (N, 2) values of its alternatives.
+        region: (C, 2) values of the cells of the map.
+        demonstrations: (n, 2) values.
+        axes_labels: of the two features, with units.
+    """
+    figure = new_figure(TEXT_IN, 3.4)
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    for number, (name, points) in enumerate(samplers.items()):
+        left.plot(
+            points[:, 0], points[:, 1], _MARKERS[number // len(_COLORS) % len(_MARKERS)], markersize=1.5,
+            color=color(_COLORS[number % len(_COLORS)]), markeredgewidth=0, label=name, rasterized=True,
+        )  # fmt: skip
+    right.plot(
+        region[:, 0], region[:, 1], "s", markersize=1.3, color=color(palette.GREY), markeredgewidth=0,
+        label="reached", rasterized=True,
+    )  # fmt: skip
+    for ax in (left, right):
+        ax.plot(
+            demonstrations[:, 0], demonstrations[:, 1], "o", markersize=3.5, color=color(palette.DEMONSTRATION),
+            markeredgecolor="white", markeredgewidth=0.5, label="demonstrations",
+        )  # fmt: skip
+        ax.set_xlabel(axes_labels[0])
+    left.set_ylabel(axes_labels[1])
+    left.set_title(f"what {len(samplers)} samplers draw")
+    right.set_title("what the choice space reaches")
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, markerscale=1.5)
+    return figure
+
+
+@in_style
+def before_after_figure(
+    sampled: Mapping[str, FloatArray], explored: Mapping[str, FloatArray], labels: Sequence[str], about: str
+) -> Figure:
+    """The posteriors of one demonstration over theta, from each sampler's set and from each exploration.
+
+    Args:
+        sampled: for each model, (S, K) probabilities, a row for each sampler.
+        explored: for each model, (R, K), a row for each exploration.
+        labels: (K,) names of the thetas.
+        about: what the numbers in the labels mean.
+    """
+    models = tuple(explored)
+    count = next(iter(sampled.values())).shape[0]
+    runs = next(iter(explored.values())).shape[0]
+    figure = new_figure(TEXT_IN, 2.0 + 1.1 * len(models))
+    axes = figure.subplots(len(models), 2, squeeze=False, sharex=True, sharey="row")
+    x = np.arange(len(labels))
+    for row, model in zip(axes, models, strict=True):
+        for ax, values in zip(row, (sampled[model], explored[model]), strict=True):
+            for one in values:
+                ax.plot(x, one, "-", linewidth=0.8, alpha=0.7, color=model_color(model, models))
+        top = 1.05 * float(max(sampled[model].max(), explored[model].max()))
+        for ax in row:
+            probability_axis(ax, f"{model_name(model)}\nposterior" if ax is row[0] else "", top)
+    axes[0, 0].set_title(f"{count} samplers")
+    axes[0, 1].set_title(f"{runs} explorations, each from other seeds")
+    for ax in axes[-1]:
+        ax.set_xticks(x, list(labels), rotation=90)
+        ax.tick_params(axis="x", length=0)
+        ax.set_xlabel(about)
     return figure

@@ -14,17 +14,17 @@ from pipeline import params
 from pipeline.formats.duckdb.questions import CONTENTS, ask
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.studies.support import beyond, chance_notes, edge_sentence
-from pipeline.views.figures.captions import STUDY_FIGURES, TASK_FIGURES
+from pipeline.views.figures.captions import EXPLORED_FIGURES, STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
 from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
 from pipeline.views.task_summary import theta_labels, theta_meaning
-from pipeline.vocabulary import ALL, INDEPENDENT, SAMPLER_SHIFT, STUDIES, WORKING, model_name
+from pipeline.vocabulary import ALL, EXPLORED, INDEPENDENT, SAMPLER_SHIFT, STUDIES, WORKING, model_name
 from pipeline.workspace.project import Project
 
 LIBRARIES = ("mujoco", "numpy", "scipy", "finufft", "polars", "duckdb", "matplotlib")
 _HASH_DIGITS = 16
-BEST = f"""select task, demonstration_id, participant, model, arg_max(theta_id, posterior) as theta_id
-    from theta_marginals where set_id = '{WORKING}' group by all order by all"""
+BEST = """select task, demonstration_id, participant, model, set_id, arg_max(theta_id, posterior) as theta_id
+    from theta_marginals where shown group by all order by all"""
 HYPOTHESES = "select distinct task, theta_id, theta from posteriors order by task, theta_id"
 FEATURES = "select task, list(feature order by rowid) as features from scales group by task"
 HASHES = "select distinct task, recorded_as as demonstration_id, recording_sha256 from lineage"
@@ -32,13 +32,18 @@ SIZES = (
     "select task, min(set_size) as least, max(set_size) as largest, count(distinct (anchor, set_size, set_id)) as sets \
 from sampling group by task"
 )
-EDGE = f"from beta_at_edge where set_id = '{WORKING}' order by all"
+EDGE = "from beta_at_edge where shown order by all"
 SPLIT = f"""select task, model, set_size, sets, answers from disagreement_between_sets
     where participant = '{ALL}' and answers > 1
       and set_size = (select max(set_size) from disagreement_between_sets where participant = '{ALL}')
     order by all"""
+UNEXPLORED = "select distinct task, reason from choice_space where not explored order by all"
+UNSETTLED = """select task, model, max(greatest(disagreement, change)) as apart,
+        any_value(further_evaluations) as further_evaluations
+    from (from convergence qualify round = max(round) over (partition by task, model))
+    group by task, model having not bool_and(converged) order by all"""
 APART = f"""select task, model, other_model from disagreement_between_models
-    where participant = '{ALL}' and set_id = '{WORKING}' and theta_id <> other_theta_id order by all"""
+    where participant = '{ALL}' and shown and theta_id <> other_theta_id order by all"""
 
 
 def report(project: Project) -> Report:
@@ -145,6 +150,16 @@ def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
         sentences += [f"Task {task}: {sentence}." for sentence in chance_notes(rows)]
     for task, model, beta, edge in _rows(answers("posteriors", EDGE), "task", "model", "beta", "edge"):
         sentences.append(f"Task {task}: {edge_sentence(model_name(model), beta, edge)}.")
+    for task, reason in _rows(answers("choice_space", UNEXPLORED), "task", "reason"):
+        sentences.append(f"Task {task}: the choice space is not explored, so its answers rest on a sample: {reason}.")
+    for task, model, apart, further in _rows(
+        answers("convergence", UNSETTLED), "task", "model", "apart", "further_evaluations"
+    ):
+        more = "no number of evaluations can be foreseen" if further is None else f"about {further:,} more would do"
+        sentences.append(
+            f"Task {task}: under {model_name(model)} independent explorations of the choice space differ, or have "
+            f"changed in their last round, by {apart:.2g} nats; {more}, as `lessbench enough {task}` says."
+        )
     for task, model, other in _rows(answers("posteriors", APART), "task", "model", "other_model"):
         sentences.append(
             f"Task {task}: {model_name(model)} and {model_name(other)} disagree on what all together want."
@@ -225,7 +240,7 @@ def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
     if remarked.height:
         caption = "What is odd about recordings that were used, or was decided in reading them."
         parts.append(Table(caption, ("recording", "remarks"), remarked.select("source", "remarks").rows()))
-    return parts + _pictures(project, name, TASK_FIGURES)
+    return parts + _pictures(project, name, {**TASK_FIGURES, **EXPLORED_FIGURES})
 
 
 def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:
@@ -254,7 +269,12 @@ def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:
         "SHA-256",
         *(f"wants, under {model_name(model)}" for model in models),
     )
-    return Table(f"What each says, by the set of alternatives {WORKING!r}.", header, rows)
+    over = dict(_rows(best, "model", "set_id"))
+    explored = [model_name(model) for model in models if over[model] == EXPLORED]
+    sampled = [model_name(model) for model in models if over[model] != EXPLORED]
+    said = [f"{' and '.join(explored)} over the explored choice space"] if explored else []
+    said += [f"{' and '.join(sampled)} by the set of alternatives {WORKING!r}"] if sampled else []
+    return Table(f"What each says: {', '.join(said)}.", header, rows)
 
 
 def _best_words(answers: _Answers, name: str, best: pl.DataFrame) -> list[tuple[str, str, str, str]]:

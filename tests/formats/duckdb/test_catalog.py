@@ -120,8 +120,8 @@ def test_every_column_of_every_table_and_view_says_what_it_is(whole: Path) -> No
 def test_views_are_there_for_the_tables_that_are(catalog: Path) -> None:
     names = set(ask(catalog, CONTENTS)["name"])
     assert names == {
-        "posteriors", FILES, INPUTS, "best_hypothesis", "theta_marginals", "beta_marginals", "beta_at_edge",
-        "derived_from", "outdated",
+        "posteriors", FILES, INPUTS, "every_posterior", "best_hypothesis", "theta_marginals", "beta_marginals",
+        "beta_at_edge", "derived_from", "outdated",
         "disagreement_between_sets", "disagreement_between_models", "people_against_group",
     }  # fmt: skip
 
