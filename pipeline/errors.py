@@ -59,6 +59,10 @@ class TableError(WorkbenchError):
     """A table does not follow its schema."""
 
 
+class SurveyError(WorkbenchError):
+    """A study for the browser, or the file of its choices, is not what it should be."""
+
+
 class StageError(WorkbenchError):
     """A stage cannot go on with the inputs it found."""
 

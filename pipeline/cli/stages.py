@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -139,11 +140,25 @@ def study(
     task: Annotated[
         str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml.", autocompletion=tasks)
     ] = None,
+    choices: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Of human-choice: say what these choices tell; no table is changed."),
+    ] = None,
 ) -> None:
     """Run one of the paper's experiments: `human-choice`, `grid-world`, or `robustness TASK`.
 
-    Example: `lessbench study grid-world`, or `lessbench study robustness table`.
+    Examples: `lessbench study grid-world`, `lessbench study robustness table`,
+    `lessbench study human-choice --choices choices.csv`.
     """
+    if choices is not None:
+        if name != "human-choice":
+            raise typer.BadParameter("--choices is for human-choice alone")
+        from pipeline.commands.choices import told
+        from pipeline.terminal import say
+
+        for line in told(choices):
+            say(line)
+        return
     from pipeline.commands.study import run
 
     run(this_project(), name, task)

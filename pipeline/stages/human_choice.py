@@ -9,7 +9,7 @@ import polars as pl
 from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import write_table
 from pipeline.stages.registry import parameters
-from pipeline.studies.human_choice import analyse_choices, compare_with_paper
+from pipeline.studies.human_choice import analyse_choices, compare_with_paper, counted
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.people import identity
 from pipeline.workspace.project import Project, recorded_run
@@ -26,13 +26,16 @@ def run(project: Project) -> None:
     settings = project.params.studies.human_choice
     with recorded_run(project, "human-choice", STUDIES) as record:
         source = project.path(settings.choices)
-        study = analyse_choices(_choices(source), settings.options, settings.alpha)
+        choices = read_choices(source)
+        study = analyse_choices(choices, settings.options, settings.alpha)
         stated = provenance(project, parameters("human-choice"), [source])
         tables = {"control": study.control, "predictions": study.predictions, "tests": study.tests}
         paper = compare_with_paper(study) if settings.compare_with_paper else pl.DataFrame(schema=PAPER)
         for name, table in (tables | {"paper": paper}).items():
             write_table(project.table(STUDIES, f"human_choice_{name}"), f"human_choice_{name}", table, stated)
         record.produced = f"{study.tests.height} tests of {int(study.tests['n'][0])} choices"
+        if left_out := choices.height - counted(choices).height:
+            record.notes.append(f"{left_out} of {choices.height} people failed the attention test and are left out")
 
 
 PAPER = {
@@ -41,8 +44,8 @@ PAPER = {
 }  # fmt: skip
 
 
-def _choices(source: Path) -> pl.DataFrame:
-    """The rows of the file, every cell as text without the blanks around it; a cell that says nothing is null.
+def read_choices(source: Path) -> pl.DataFrame:
+    """The rows of a file of choices, every cell as text without the blanks around it; a cell that says nothing is null.
 
     Numbers stay as they are written, so that the options 1 and 01 are two, and those in `options` are found.
     """

@@ -51,9 +51,10 @@ def analyse_choices(
 
     Args:
         choices: one row per participant: `participant`, `trial` (`control`, `experimental`), `choice` (any label) and
-            `group` (any label).
+            `group` (any label). Rows whose `counted`, if there is such a column, is `no` are left out. A column
+            `offered` with `option=group` for each option on offer, as `lessbench survey` writes it, says what was.
         options: for each group, the options on offer in the experimental trial. If not given, they are those that were
-            chosen at least once.
+            in `offered`, or else were chosen at least once.
         alpha: level of Wellek's test.
 
     Raises:
@@ -61,12 +62,13 @@ def analyse_choices(
         ArgumentError: alpha is out of range.
     """
     _check_rows(choices)
+    choices = counted(choices)
     control = choices.filter(pl.col("trial") == "control")
     experimental = choices.filter(pl.col("trial") == "experimental")
     shares = _control_shares(control)
     if experimental.height == 0:
         raise TableError("choices has no row of the experimental trial; there is nothing to compare.")
-    offered = _offered(experimental, list(shares["group"]), options)
+    offered = _offered(experimental, list(shares["group"]), options or _stated(experimental))
     counts = _counts(offered, experimental)
     predictions = pl.concat([_predictions(offered, counts, shares, model) for model in _MODELS])
     tests = [
@@ -75,6 +77,11 @@ def analyse_choices(
         for model in _MODELS
     ]
     return HumanChoiceStudy(shares, predictions, pl.concat(tests))
+
+
+def counted(choices: pl.DataFrame) -> pl.DataFrame:
+    """The rows that count: without those of people who failed an attention test."""
+    return choices.filter(pl.col("counted") != "no") if "counted" in choices.columns else choices
 
 
 def compare_with_paper(study: HumanChoiceStudy) -> pl.DataFrame:
@@ -203,6 +210,18 @@ def _offered(
     if extra:
         raise TableError(f"nobody chose the group {extra[0]!r} in the control trial, so its reward is unknown.")
     return offered
+
+
+def _stated(experimental: pl.DataFrame) -> dict[str, list[str]] | None:
+    """The options of each group, from the column `offered`; None without it."""
+    if "offered" not in experimental.columns or experimental["offered"].null_count():
+        return None
+    pairs = [pair.partition("=") for row in experimental["offered"].unique().to_list() for pair in str(row).split()]
+    options: dict[str, list[str]] = {}
+    for option, _, group in sorted(set(pairs)):
+        if group:
+            options.setdefault(group, []).append(option)
+    return options
 
 
 def _counts(offered: pl.DataFrame, experimental: pl.DataFrame) -> IntArray:

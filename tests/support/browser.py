@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import shutil
@@ -34,11 +35,11 @@ class Page:
         for domain in ("Network", "Page", "Runtime"):
             self.do(f"{domain}.enable")
 
-    def open(self, path: Path, width: int) -> None:
-        """Load a file in a window so many pixels wide, wholly."""
+    def open(self, page: Path | str, width: int) -> None:
+        """Load a file, or an address, in a window so many pixels wide, wholly."""
         self.do("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=width < 600)
         self._seen.clear()
-        self.do("Page.navigate", url=path.as_uri())
+        self.do("Page.navigate", url=page if isinstance(page, str) else page.as_uri())
         while "Page.loadEventFired" not in self._seen:
             self._take(self._receive())
 
@@ -47,6 +48,24 @@ class Page:
         answer = self.do("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
+
+    def wait_for(self, condition: str) -> None:
+        """Until an expression in the page is true."""
+        end = time.monotonic() + _WAIT_S
+        while not self.ask(condition):
+            assert time.monotonic() < end, f"the page never came to: {condition}"
+            time.sleep(0.02)
+
+    def press(self, key: str, code: int, text: str = "") -> None:
+        """Press and release a key."""
+        common = {"key": key, "code": key, "windowsVirtualKeyCode": code}
+        self.do("Input.dispatchKeyEvent", type="keyDown" if text else "rawKeyDown", text=text, **common)
+        self.do("Input.dispatchKeyEvent", type="keyUp", **common)
+
+    def picture(self, path: Path) -> None:
+        """Save what the page looks like, all of it, as PNG."""
+        shot = self.do("Page.captureScreenshot", captureBeyondViewport=True)["data"]
+        path.write_bytes(base64.b64decode(shot))
 
     def do(self, method: str, **arguments: object) -> dict[str, Any]:
         """Call a method of the DevTools protocol and wait for its answer."""
