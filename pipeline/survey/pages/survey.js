@@ -33,7 +33,7 @@ function show(title, ...children) {
   const heading = make("h1", { tabIndex: -1 }, title);
   page.replaceChildren(heading, ...children);
   said.textContent = "";
-  document.title = `${title} - ${study.title}`;
+  document.title = title === study.title ? title : `${title} - ${study.title}`;
   window.scrollTo(0, 0);
   heading.focus();
 }
@@ -117,7 +117,7 @@ function question() {
   const heading = word(`question_${kind}`);
   const form = make("form", { className: "trial" },
     step.of > 1 ? make("p", {}, word("question_of", { number: step.number, of: step.of })) : null,
-    make("fieldset", {}, make("legend", { className: "heading" }, heading), options),
+    make("fieldset", {}, make("legend", { className: "hidden" }, heading), options),
     make("button", { type: "submit" }, word("choose_button")));
   const { trial } = step;
   form.addEventListener("submit", (event) => {
@@ -131,7 +131,7 @@ function question() {
     go(() => ask("choose", { code, trial, option: chosen.value, seconds, screen }))
       .finally(() => { button.disabled = false; });
   });
-  show(study.title, form);
+  show(heading, form);
 }
 
 function card(option, place) {
