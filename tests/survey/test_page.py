@@ -22,6 +22,7 @@ pytestmark = pytest.mark.skipif(PROGRAM is None, reason="there is no Chromium he
 AXE = "axe-core@4.14.1"  # Deque's checks of accessibility, from the npm registry
 TAB, ENTER, SPACE, DOWN = ("Tab", 9, ""), ("Enter", 13, "\r"), (" ", 32, " "), ("ArrowDown", 40, "")
 PHONE, DESKTOP = 390, 1280
+THANKED = "!!document.body && document.body.innerText.includes('Thank you')"
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +57,7 @@ def begin(page: Page, server: Server, address: str, width: int = DESKTOP) -> Non
 
 def finish(page: Page, option: str) -> None:
     page.ask(f"document.querySelector('input[value={option}]').click(); document.querySelector('button').click()")
-    page.wait_for("document.body.innerText.includes('Thank you')")
+    page.wait_for(THANKED)
 
 
 def rows(server: Server) -> list[dict[str, Any]]:
@@ -75,7 +76,7 @@ def test_by_keyboard_alone(page: Page, serve: Callable[..., Server]) -> None:
     page.wait_for("!!document.querySelector('form.trial')")
     for key in (TAB, SPACE, DOWN, TAB, ENTER):
         page.press(*key)
-    page.wait_for("document.body.innerText.includes('Thank you')")
+    page.wait_for(THANKED)
 
     assert [row["choice"] for row in rows(server)] == ["right"], "the second of the three"
 
@@ -87,10 +88,10 @@ def test_reloading_and_going_back_lose_and_double_nothing(page: Page, serve: Cal
     page.wait_for("!!document.querySelector('form.trial')")
     finish(page, "left")
     page.do("Page.reload")
-    page.wait_for("document.body.innerText.includes('Thank you')")
+    page.wait_for(THANKED)
     page.open("about:blank", PHONE)
     page.ask("history.back()")
-    page.wait_for("document.body && document.body.innerText.includes('Thank you')")
+    page.wait_for(THANKED)
 
     (row,) = rows(server)
     assert (row["participant"], row["choice"]) == ("back", "left")
@@ -147,7 +148,7 @@ def test_a_server_that_is_away_for_a_moment_costs_no_choice(page: Page, serve: C
     page.ask("document.querySelector('input[value=left]').click(); document.querySelector('button').click()")
     page.wait_for("document.querySelector('#said').innerText === 'Sending ...'")
     page.do("Network.emulateNetworkConditions", offline=False, latency=0, downloadThroughput=-1, uploadThroughput=-1)
-    page.wait_for("document.body.innerText.includes('Thank you')")
+    page.wait_for(THANKED)
 
     assert [row["choice"] for row in rows(server)] == ["left"]
 

@@ -1,6 +1,7 @@
 """What a study may ask, and what is said of a file that is none."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -33,7 +34,7 @@ def test_the_papers_study_is_as_the_paper_says() -> None:
 
     assert [option.group or name for name, option in experimental.options.items()][:4] == ["left", *["right"] * 3]
     fair = {name: option.moves for name, option in experimental.options.items() if not option.attention}
-    turns = {name: sum(a != b for a, b in zip(moves, moves[1:], strict=False)) for name, moves in fair.items()}
+    turns = {name: sum(a != b for a, b in pairwise(moves)) for name, moves in fair.items()}
     assert {len(moves) for moves in fair.values()} == {12}, "equally many cells"
     assert set(turns.values()) == {3}, "equally many turns"
     blocked = set(experimental.grid.obstacles)
