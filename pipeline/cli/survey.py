@@ -7,18 +7,13 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.grouping import Commands, ExplainedGroup
+from pipeline.cli.grouping import ASK, Commands
 
-commands = Commands(
-    cls=ExplainedGroup,
-    invoke_without_command=True,
-    help="Serve a browser study that collects choices, on this machine; `design` makes one for a task.",
-)
+commands = Commands()
 
 
-@commands.callback()
+@commands.command(rich_help_panel=ASK)
 def survey(
-    context: typer.Context,
     study: Annotated[
         Path | None, typer.Option(metavar="FILE", help="YAML file of the study; else that of section 3 of the paper.")
     ] = None,
@@ -37,7 +32,6 @@ def survey(
 
     Example: `lessbench survey`, then `lessbench study human-choice --choices choices.csv`.
     """
-    if context.invoked_subcommand is None:
-        from pipeline.commands.survey import serve_survey
+    from pipeline.commands.survey import serve_survey
 
-        serve_survey(study, choices, words, bind, port)
+    serve_survey(study, choices, words, bind, port)

@@ -77,6 +77,7 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("recover",): [[]],
     ("inspect-project",): [["."], [EVIL]],
     ("trust",): [["."], [EVIL]],
+    ("survey",): [["--study", EVIL], ["--choices", f"{EVIL}/c.csv"], ["--words", EVIL], ["--bind", EVIL]],
     ("import", "ferl"): [[EVIL, "out", "--joints", "a"], [f"{FILE}.xml", "out", "--joints", EVIL]],
 }  # fmt: skip
 
