@@ -323,8 +323,8 @@ class Explore(_Section):
     """
 
     explorations: Annotated[int, Field(strict=True, ge=0, le=100)] = 2
-    evaluations: Annotated[int, Field(strict=True, ge=1, le=10**10)] = 500_000
-    most_evaluations: Annotated[int, Field(strict=True, ge=1, le=10**10)] = 1_000_000
+    evaluations: Annotated[int, Field(strict=True, ge=1, le=10**10)] = 250_000
+    most_evaluations: Annotated[int, Field(strict=True, ge=1, le=10**10)] = 500_000
     tolerance: Positive = 0.02
     effort_multiple: Annotated[float, Field(strict=True, gt=1, allow_inf_nan=False)] | None = None
     width_rad: Positive | None = None

@@ -23,8 +23,9 @@ from pipeline.workspace.project import Project
 from tests.support import gantry_project
 
 WATCHED = """
-import os, sys
-report = os.open(sys.argv.pop(1), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+import json, os, sys
+report = os.open(sys.argv[1], os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+commands = json.loads(sys.argv[2])
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
 CHANGES = {"os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.symlink", "os.link", "os.chmod", "os.truncate"}
 STARTS = {"subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.spawn"}
@@ -41,16 +42,43 @@ def watch(event, arguments):
         return
     os.write(report, f"{event}\\t{said!r}\\n".encode())
 sys.addaudithook(watch)
-sys.argv[0] = "lessbench"
 from pipeline.cli import main
-main()
+for words in commands:  # in one process, which has to import the libraries once
+    sys.argv = ["lessbench", *words]
+    print("$", *words, file=sys.stderr, flush=True)
+    try:
+        main()
+    except SystemExit as end:
+        os.write(report, f"status\\t{end.code!r}\\n".encode())
 """
 COMMANDS = [
-    ["check", "mine/demo-0.mcap", "mine/payload.mcap", "--task", "sweep"],
+    ["check", "mine/demo-0.mcap", "mine/payload.mcap", "mine/bag/bag_0.mcap", "--task", "sweep"],
     ["scene", "sweep"], ["ingest", "sweep"], ["catalog"], ["sql", "from demonstrations"],
     ["sql", "select * from read_csv('/etc/passwd')"], ["report"], ["verify"], ["verify", "sweep"], ["summary"],
-    ["figures", "sweep"], ["infer", "sweep"], ["recover"], ["inspect-project", "."],
+    ["figures", "sweep"], ["infer", "sweep"], ["inspect", "sweep"], ["view", "sweep"], ["enough", "sweep"],
+    ["recover"], ["inspect-project", "."],
+    ["--overlay", "bomb.yaml", "infer", "sweep"], ["--overlay", "tag.yaml", "infer", "sweep"],
+    ["--overlay", "features.yaml", "featurize", "sweep"], ["--overlay", "entity.yaml", "scene", "sweep"],
+    ["--overlay", "include.yaml", "scene", "sweep"], ["--overlay", "pipe.yaml", "scene", "sweep"],
+    ["new-task", "other", "--scene", "include.xml", "--recordings", "mine"],
 ]  # fmt: skip
+REFUSED = {  # what a command says of it, at the least
+    "bomb.yaml": "bomb.yaml: ", "tag.yaml": "tag.yaml: ", "features.yaml": "trust", "entity.yaml": "entity.xml",
+    "include.yaml": "include.xml", "pipe.yaml": "pipe.xml",
+}  # fmt: skip
+
+
+OWN_TOOLS = {
+    "ldconfig",
+    "ldconfig.real",
+    "gcc",
+    "cc",
+    "ld",
+    "objdump",
+    "uname",
+    "sh",
+    "dash",
+}  # ctypes looks with these
 
 
 class Payload:
@@ -117,25 +145,57 @@ def harm(root: Path, victim: Path) -> None:
     (root / "datasets" / "sweep" / "figures").symlink_to(victim)
     (root / "datasets" / "report.html").symlink_to(victim / "kept")
     (root / "datasets" / "catalog.duckdb").symlink_to(victim / "catalog")
+    for name, text in hostile_texts(victim).items():
+        (root / name).write_text(text)
+    (root / "mine" / "bag").mkdir()
+    (root / "mine" / "bag" / "metadata.yaml").write_text(BOMB + "rosbag2_bagfile_information: *i\n")
+    (root / "mine" / "bag" / "bag_0.mcap").write_bytes(payload)
+    (root / "mine" / "bag" / "bag_1.mcap").symlink_to("/etc/passwd")
+    os.mkfifo(root / "mesh.stl")
     shutil.rmtree(root / ".lessbench")
     (root / ".lessbench").symlink_to(victim)
+
+
+BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
+    f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+def hostile_texts(victim: Path) -> dict[str, str]:
+    """Overlays, scenes and code, by file name."""
+    overlay = '{{"tasks": {{"sweep": {{"scene": "{}.xml"}}}}}}'
+    entities = "".join(f'<!ENTITY e{n + 1} "{f"&e{n};" * 10}">' for n in range(9))
+    return {
+        "bomb.yaml": BOMB,
+        "tag.yaml": f"seed: !!python/object/apply:os.system ['touch {victim}/tag']\n",
+        "spy.py": f"open({str(victim / 'spy')!r}, 'w')\n",
+        "features.yaml": '{"tasks": {"sweep": {"feature_files": ["spy.py"]}}}',
+        **{f"{name}.yaml": overlay.format(name) for name in ("entity", "include", "pipe")},
+        "entity.xml": f'<!DOCTYPE m [<!ENTITY e0 "x">{entities}]><mujoco model="&e9;"><worldbody/></mujoco>',
+        "include.xml": '<mujoco><include file="/etc/passwd"/><include file="../../../victim/kept"/></mujoco>',
+        "pipe.xml": '<mujoco><asset><mesh name="m" file="mesh.stl"/></asset><worldbody>'
+        '<geom type="mesh" mesh="m"/></worldbody></mujoco>',
+    }
 
 
 Events = list[tuple[str, str]]
 
 
-def watched(root: Path, words: list[str], report: Path) -> tuple[subprocess.CompletedProcess[str], Events]:
+def watched(root: Path, commands: list[list[str]], report: Path) -> tuple[subprocess.CompletedProcess[str], Events]:
     report.unlink(missing_ok=True)
     ended = subprocess.run(
-        [sys.executable, "-P", "-c", WATCHED, str(report), *words], cwd=root, capture_output=True, text=True,
-        timeout=120, stdin=subprocess.DEVNULL,
+        [sys.executable, "-P", "-c", WATCHED, str(report), json.dumps(commands)], cwd=root, capture_output=True,
+        text=True, timeout=200, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     events = [line.split("\t", 1) for line in report.read_text().splitlines()] if report.exists() else []
+    assert sum(event == "status" for event, _ in events) == len(commands), ended.stderr
     return ended, [(event, said) for event, said in events]
 
 
 def harmless(root: Path, event: str, said: str) -> bool:
     """Whether it stays in the project, or is this program's own."""
+    if event == "status":
+        return said in ("0", "1", "None")
     if event == "subprocess.Popen":  # questions are asked in a process of their own; MuJoCo looks for a library in one
         ours = "'pipeline.formats.duckdb.query_process'" in said or "get_version(library_handle)" in said
         return said.startswith(f"[{sys.executable!r}, ") and ours
@@ -154,21 +214,62 @@ def test_nothing_of_it_runs_and_nothing_is_written_elsewhere(
     if not linked:
         for place in ("datasets/sweep/figures", "datasets/report.html", "datasets/catalog.duckdb", ".lessbench"):
             (root / place).unlink()
-    for words in COMMANDS:
-        ended, events = watched(root, words, tmp_path / "report")
-        assert [one for one in events if not harmless(root, *one)] == [], words
-        assert "Traceback" not in ended.stderr, (words, ended.stderr)
-        assert sorted(path.name for path in victim.iterdir()) == ["kept"], words
+    ended, events = watched(root, COMMANDS, tmp_path / "report")
+    assert [one for one in events if not harmless(root, *one)] == []
+    assert "Traceback" not in ended.stderr, ended.stderr
+    assert sorted(path.name for path in victim.iterdir()) == ["kept"]
     assert (victim / "kept").read_text() == "kept"
+    for name, said in () if linked else REFUSED.items():
+        _, _, of_it = ended.stderr.partition(f"$ --overlay {name} ")
+        assert said in of_it.partition("\n$ ")[0], (name, ended.stderr)
+
+
+@pytest.mark.skipif(shutil.which("strace") is None, reason="there is no strace here (apt-get install strace)")
+def test_the_system_sees_nothing_else_either(received: tuple[Path, Path], tmp_path: Path) -> None:
+    """What libraries in other languages do passes Python by; what the kernel is asked for does not."""
+    root, victim = received
+    seen = tmp_path / "seen"
+    command = ["strace", "-f", "-qq", "-o", str(seen), "-e", "trace=execve,connect,open,openat,creat,rename,unlink"]
+    program = [sys.executable, "-P", "-c", WATCHED, str(tmp_path / "report"), json.dumps(COMMANDS)]
+    subprocess.run([*command, *program], cwd=root, capture_output=True, timeout=280, stdin=subprocess.DEVNULL)
+    calls = seen.read_text(errors="replace").splitlines()
+    assert any("gantry.xml" in call for call in calls), "it looks at what it should"
+    started = {call.partition("execve(")[2].split('"')[1] for call in calls if "execve(" in call and " = 0" in call}
+    allowed = {sys.executable, os.path.realpath(sys.executable)}
+    assert {program for program in started if program not in allowed and Path(program).name not in OWN_TOOLS} == set()
+    assert [call for call in calls if "connect(" in call and "AF_INET" in call] == []
+    written = [call for call in calls if "O_WRONLY" in call or "O_RDWR" in call or "creat(" in call]
+    assert [call for call in written if str(victim) in call and " = -1" not in call] == []
+
+
+def test_dvc_repro_of_the_programs_own_stages_runs_nothing_else(received: tuple[Path, Path], tmp_path: Path) -> None:
+    """DVC runs what dvc.yaml says, which is the user's own risk; this is the file that the program writes."""
+    root, victim = received
+    (root / "dvc.yaml").write_text(
+        "stages:\n  ingest:\n    cmd: lessbench ingest sweep\n    deps: [mine]\n"
+        "    outs: [{datasets/sweep/tables/rejected.parquet: {persist: true}}]\n"
+    )
+    (root / ".dvc" / "config").write_text("[core]\n    no_scm = true\n")
+    (root / ".lessbench").unlink()
+    (root / "mine" / "pipe.mcap").unlink()  # DVC itself waits for it without end, which inspect-project says beforehand
+    (root / "mine" / "bag" / "bag_1.mcap").unlink()
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    ended = subprocess.run(
+        [sys.executable, "-P", "-m", "dvc", "repro"], cwd=root, capture_output=True, text=True, timeout=120,
+        stdin=subprocess.DEVNULL, env=environment,
+    )  # fmt: skip
+    assert "Running stage 'ingest'" in ended.stdout, ended.stdout + ended.stderr
+    assert "Traceback" not in ended.stderr, ended.stderr
+    assert sorted(path.name for path in victim.iterdir()) == ["kept"]
 
 
 def test_it_is_named_before_anything_runs(received: tuple[Path, Path], tmp_path: Path) -> None:
     root, victim = received
-    ended, _ = watched(root, ["inspect-project", "."], tmp_path / "report")
-    assert ended.returncode == 1
+    ended, events = watched(root, [["inspect-project", "."]], tmp_path / "report")
+    assert ("status", "1") in events
     for sentence in (
         f"runs code: dvc.yaml: `dvc repro` would run `touch '{victim}/cmd'`", "payload.p: is a pickle", "is a link to",
-        "mine/pipe.mcap: is no file", "names the address https://127.0.0.1:1/", "conftest.py: is Python",
+        "mesh.stl: is no file", "names the address https://127.0.0.1:1/", "conftest.py: is Python",
     ):  # fmt: skip
         assert sentence in ended.stdout, ended.stdout
 
@@ -186,7 +287,7 @@ def test_parameters_and_overlays_are_refused_alike(
 ) -> None:
     overlay = tmp_path / "overlay.yaml"
     overlay.write_text(json.dumps({section: value}))
-    ended, events = watched(made, ["--overlay", str(overlay), "sample", "sweep"], tmp_path / "report")
-    assert ended.returncode == 1
+    ended, events = watched(made, [["--overlay", str(overlay), "sample", "sweep"]], tmp_path / "report")
+    assert ("status", "1") in events
     assert said in ended.stderr
     assert [one for one in events if not harmless(made, *one)] == []
