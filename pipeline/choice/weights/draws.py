@@ -89,6 +89,10 @@ class WeightDraws:
         mean = self.direction
         return float(self.weight[self._angles(mean) < angle_to(mean, wanted)].sum())
 
+    def nearer(self, about: FloatArray, angle: float) -> float:
+        """Probability that theta lies nearer than `angle` (rad) to the unit vector `about`."""
+        return float(self.weight[self._angles(about) < angle].sum())
+
     def interval(self, level: float) -> FloatArray:
         """(F, 2) central interval of each weight."""
         return weighted_quantiles(self.omega, self.weight, [(1 - level) / 2, (1 + level) / 2]).T
