@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.grouping import ASK, LOOK, TRUST, Commands
-from pipeline.cli.shared import AsJson, Bind, IsLive, Port, TaskName, TaskOrStudies, this_project
+from pipeline.cli.shared import AsJson, Bind, IsLive, Port, TaskName, TaskOrStudies, tasks, this_project
 from pipeline.commands.sql.answers import MOST_ROWS, ROWS_ELSEWHERE, ROWS_ON_TERMINAL, Format
 from pipeline.terminal import say, say_json
 from pipeline.vocabulary import STUDIES
@@ -67,6 +67,23 @@ def sql(
         prompt(project.catalog, project.root / HISTORY)
     else:
         answer_once(project.catalog, question, Wanted(form, output, rows, formulas))
+
+
+@commands.command(rich_help_panel=LOOK)
+def answer(
+    task: Annotated[
+        str | None,
+        typer.Argument(metavar="[TASK]", help="A task of params.yaml; without it: all.", autocompletion=tasks),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all lines and numbers as JSON.")] = False,
+) -> None:
+    """Say what people wanted, how sure that is, and whether to trust it and why not, in ten lines.
+
+    Example: `lessbench answer table`; docs/answers.md has the rules.
+    """
+    from pipeline.commands.answer import run
+
+    run(this_project(), task, as_json)
 
 
 @commands.command(rich_help_panel=LOOK)

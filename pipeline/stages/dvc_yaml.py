@@ -47,7 +47,7 @@ NEUTRAL = {
     "pipeline/workspace/project.py",
     "pipeline/workspace/trust.py",
 }
-MOST = 0.5  # share of the files in a folder, from which on a stage waits for the whole folder
+MOST = 0.4  # share of the files in a folder, from which on a stage waits for the whole folder
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
 # Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
@@ -87,7 +87,7 @@ def code_of(module: str) -> list[str]:
     """The files of code that can change what a module does, a folder standing for all that is in it.
 
     They are the module and what it imports, anywhere in it, and so on; without `NEUTRAL`, and without the files
-    `__init__.py`, which compute nothing. A folder of which they are half or more stands for them and the rest in it.
+    `__init__.py`, which compute nothing. A folder of which they are two fifths or more stands for it.
     """
     found: set[str] = set()
     waiting = {f"{module.replace('.', '/')}.py"}

@@ -176,6 +176,16 @@ STAGES = (
         features=True,
     ),
     Stage(
+        "answer", Scope.TASK, "conclude", "pipeline.stages.answer",
+        parameters=("seed", "tasks.{task}.end_effector", "tasks.{task}.features"),
+        reads=("demonstrations", "rejected", "alternatives", "features", "scales", "densities", "shifted_features"),
+        inputs=(SCENE,),
+        makes=(
+            "weights", "weights_summary", "answers", "predictions", "predicted_motion", "likely_paths",
+            "predictive_checks",
+        ),
+    ),
+    Stage(
         "figures", Scope.TASK, "figures", "pipeline.stages.figures",
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",

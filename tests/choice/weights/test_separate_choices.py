@@ -1,4 +1,4 @@
-"""Demonstrations with alternatives of their own: sums over the sets, and the same posterior where the sets are equal."""
+"""Demonstrations with alternatives of their own: sums over the sets, and one posterior where the sets are equal."""
 
 import numpy as np
 import pytest
