@@ -87,6 +87,28 @@ def answer(
 
 
 @commands.command(rich_help_panel=LOOK)
+def plan(
+    task: TaskName,
+    person: Annotated[
+        str | None, typer.Option("--for", metavar="PERSON", help="For one of the participants (default: someone new).")
+    ] = None,
+    model: Annotated[str, typer.Option(help="Whose weights: less or boltzmann.")] = "less",
+    contacts: Annotated[
+        bool, typer.Option("--contacts/--no-contacts", help="Whether the arm must touch nothing, by MuJoCo's contacts.")
+    ] = True,
+) -> None:
+    """Plan the motion that is best for what people want, and write it for a controller into datasets/TASK/plan.
+
+    plan.mcap has it as JointTrajectory and JointState, plan.csv as a table, plan.rrd for the viewer.
+
+    Example: `lessbench plan table`, or `lessbench plan table --for participant-03`.
+    """
+    from pipeline.commands.plan import Wanted, run
+
+    run(this_project(), task, Wanted(person, model, contacts))
+
+
+@commands.command(rich_help_panel=LOOK)
 def view(task: TaskOrStudies) -> None:
     """Open the recording of a task or of the studies in the Rerun viewer.
 
