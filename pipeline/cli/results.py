@@ -109,6 +109,25 @@ def plan(
 
 
 @commands.command(rich_help_panel=LOOK)
+def calibrate(
+    task: TaskName,
+    demonstrations: Annotated[
+        int | None, typer.Option(min=1, help="Of one person, in each repetition (default: as many as the task has).")
+    ] = None,
+    repetitions: Annotated[int, typer.Option(min=1, max=10_000, help="For each model.")] = 100,
+) -> None:
+    """Ask what as many demonstrations as these can tell: simulate people on the task's alternatives, and infer them.
+
+    Would they tell LESS from Boltzmann, and these weights from those? A hundred repetitions take about half a minute.
+
+    Example: `lessbench calibrate table --demonstrations 30`
+    """
+    from pipeline.commands.calibrate import Wanted, run
+
+    run(this_project(), task, Wanted(demonstrations, repetitions))
+
+
+@commands.command(rich_help_panel=LOOK)
 def view(task: TaskOrStudies) -> None:
     """Open the recording of a task or of the studies in the Rerun viewer.
 
