@@ -10,6 +10,7 @@ import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.choice.prediction import PredictiveCheck, most_probable, predicted_interval
+from pipeline.vocabulary import model_name
 
 RADIUS = 0.1  # in scaled features: motions nearer than this are of one kind
 LIKELIEST = 5
@@ -92,7 +93,7 @@ def beyond_sentences(checks: pl.DataFrame, level: float = 0.05) -> list[str]:
     for model, feature, beyond, count in counted.iter_rows():
         if beyond > 2 * level * count + 1:
             said.append(
-                f"{beyond} of {count} demonstrations lie beyond p = {level:g} in {feature} of what {model} predicts "
+                f"{beyond} of {count} demonstrations lie beyond p = {level:g} in {feature} of what {model_name(model)} predicts "
                 f"from the others; about {level * count:.1g} would by chance"
             )
     return said

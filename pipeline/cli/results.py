@@ -128,6 +128,26 @@ def calibrate(
 
 
 @commands.command(rich_help_panel=LOOK)
+def export(
+    task: TaskName,
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="arviz: the draws of the weights as JSON.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Where to (default: datasets/TASK/arviz).")
+    ] = None,
+) -> None:
+    """Write a task's results in another program's format.
+
+    Example: `lessbench export table --to arviz`, then `arviz.from_json("datasets/table/arviz/less.json")`.
+    """
+    from pipeline.commands.export_arviz import export_arviz
+
+    exporters = {"arviz": export_arviz}
+    if to not in exporters:
+        raise typer.BadParameter(f"{to!r} is not known; there is {', '.join(exporters)}", param_hint="--to")
+    exporters[to](this_project(), task, output)
+
+
+@commands.command(rich_help_panel=LOOK)
 def view(task: TaskOrStudies) -> None:
     """Open the recording of a task or of the studies in the Rerun viewer.
 

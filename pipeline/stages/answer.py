@@ -69,7 +69,7 @@ def run(project: Project, name: str) -> None:
         )
         rng = child_rng(project.params.seed, "answer")
         positions = _positions(scene, chosen)
-        case = _case(chosen, end_gap_of(scene, chosen, positions), remarks)
+        case = case_of(chosen, end_gap_of(scene, chosen, positions), remarks)
         answer = assess(rng, case)
         found = preferences(answer.group.group, _specs(task, chosen.features))
         rows = answer_rows(name, found, judge(answer.numbers))
@@ -116,7 +116,8 @@ def _remarks(people: pl.DataFrame, rejected: pl.DataFrame) -> int:
     return refused + int(people["salvaged"].sum())
 
 
-def _case(chosen: Chosen, gap: float | None, remarks: int) -> Case:
+def case_of(chosen: Chosen, gap: float | None = None, remarks: int | None = None) -> Case:
+    """What an answer is computed from."""
     stated = [None if text is None else json.loads(text) for text in chosen.people["true_theta"]]
     truths = [true_direction(one, chosen.features, chosen.scale) for one in stated if one is not None]
     known = [truth for truth in truths if truth is not None]
