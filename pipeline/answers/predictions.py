@@ -93,7 +93,7 @@ def beyond_sentences(checks: pl.DataFrame, level: float = 0.05) -> list[str]:
     for model, feature, beyond, count in counted.iter_rows():
         if beyond > 2 * level * count + 1:
             said.append(
-                f"{beyond} of {count} demonstrations lie beyond p = {level:g} in {feature} of what {model_name(model)} predicts "
-                f"from the others; about {level * count:.1g} would by chance"
+                f"{beyond} of {count} demonstrations lie beyond p = {level:g} in {feature} of what {model_name(model)} "
+                f"predicts from the others; about {level * count:.1g} would by chance"
             )
     return said
