@@ -53,6 +53,7 @@ class Case:
         bandwidth: of LESS, in scaled features; None: selected.
         truth: (P, F) true directions on scaled features, of simulated people; None if nobody knows.
         remarks: recordings that were refused, cut off or repaired; None if it was not looked at.
+        explored: of each exploration of the choice space under LESS, scaled features (M, F) and log weights (M,).
     """
 
     alternatives: FloatArray | Sequence[FloatArray]
@@ -65,6 +66,7 @@ class Case:
     bandwidth: float | None = None
     truth: FloatArray | None = None
     remarks: int | None = None
+    explored: tuple[tuple[FloatArray, FloatArray], ...] = ()
 
     @property
     def shared(self) -> bool:
@@ -113,6 +115,15 @@ def choices_from(model: Model, chosen: FloatArray, rows: Sets) -> Choices | Sepa
         return Choices.outside(model, chosen, rows)
     parts = (Choices.outside(model, one[None], own) for one, own in zip(chosen, rows, strict=True))
     return SeparateChoices(tuple(parts))
+
+
+def choices_from_region(chosen: FloatArray, rows: FloatArray, log_w: FloatArray) -> Choices:
+    """Demonstrations (n, F) chosen from an explored space: rows (M, F) that stand for volumes exp(log_w).
+
+    Each demonstration joins with the median volume, as what a person did is part of what could be done.
+    """
+    own = np.full(len(chosen), np.median(log_w))
+    return Choices(rows, log_w, chosen, own, np.broadcast_to(log_w, (len(chosen), len(log_w))))
 
 
 def _pooled(sets: FloatArray | Sequence[FloatArray]) -> FloatArray:
@@ -211,6 +222,10 @@ def _other_ways(
     fewest = len(case.rows) if isinstance(case.rows, np.ndarray) else min(map(len, case.rows))
     if fewest >= 8:
         found["explorations"] = tuple(other(LESS(), half) for half in _halves(rng, case.rows))
+    if case.explored:
+        regions = (choices_from_region(case.chosen, rows, log_w) for rows, log_w in case.explored)
+        over_space = tuple(sample_weights(rng, choices, prior, 1024) for choices in regions)
+        found["explorations"] = (*found.get("explorations", ()), *over_space)
     if case.others:
         found["samplers"] = tuple(other(LESS(), rows) for rows in case.others)
     return found

@@ -70,6 +70,12 @@ def answer_lines(rows: pl.DataFrame, most: int = MOST_LINES) -> list[str]:
     return lines + reasons
 
 
+def answer_markdown(rows: pl.DataFrame) -> list[str]:
+    """The lines of `answer_lines` for a panel of text."""
+    lines = answer_lines(rows)
+    return [f"- {line.strip()}" if line.startswith("  ") else f"\n**{line}**\n" for line in lines]
+
+
 def draw_rows(model: str, names: Sequence[str], group: GroupDraws, following: WeightDraws) -> pl.DataFrame:
     """Rows of the table `weights` but for the task.
 

@@ -75,7 +75,7 @@ def answer(
         str | None,
         typer.Argument(metavar="[TASK]", help="A task of params.yaml; without it: all.", autocompletion=tasks),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all lines and numbers as JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Say what people wanted, how sure that is, and whether to trust it and why not, in ten lines.
 
@@ -108,7 +108,7 @@ def plan(
     run(this_project(), task, Wanted(person, model, contacts))
 
 
-@commands.command(rich_help_panel=LOOK)
+@commands.command(rich_help_panel=TRUST)
 def calibrate(
     task: TaskName,
     demonstrations: Annotated[

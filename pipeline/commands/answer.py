@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 
 import polars as pl
@@ -10,7 +9,7 @@ import polars as pl
 from pipeline.answers.tables import answer_lines
 from pipeline.errors import StageError
 from pipeline.formats.parquet.checked.open_table import OpenTable
-from pipeline.terminal import say
+from pipeline.terminal import say, say_json
 from pipeline.workspace.project import Project
 
 TABLE = "answers"
@@ -29,13 +28,11 @@ def run(project: Project, name: str | None, as_json: bool) -> None:
     if not rows:
         raise StageError("no task has an answer yet; run `dvc repro`, or `lessbench conclude TASK` for one task")
     if as_json:
-        found = {task: record(table) for task, table in rows.items()}
-        for line in json.dumps(found, indent=2, allow_nan=False).splitlines():
-            say(line)
-        return
+        return say_json({task: record(table) for task, table in rows.items()})
     for number, table in enumerate(rows.values()):
         for line in ([""] if number else []) + answer_lines(table):
             say(line)
+    return None
 
 
 def answer_of(project: Project, task: str) -> pl.DataFrame:

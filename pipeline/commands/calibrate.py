@@ -51,7 +51,7 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
         )
     with TaskTables(project.tables(name, NEEDED)) as tables:
         tables.check()
-        chosen = read_choices(tables, shifted=False)
+        chosen = read_choices(tables)
     own = chosen.sets[TASK_ANCHOR]
     models: Mapping[str, Model] = {"less": LESS(own.bandwidth), "boltzmann": Boltzmann()}
     count = wanted.demonstrations or len(chosen.people)

@@ -50,7 +50,7 @@ def export_arviz(project: Project, name: str, folder: Path | None = None) -> Pat
         weights = table.read()
     with TaskTables(project.tables(name, NEEDED)) as tables:
         tables.check()
-        chosen = read_choices(tables, shifted=False)
+        chosen = read_choices(tables)
     target = folder or project.datasets / name / FOLDER
     sigma = case_of(chosen).sigma
     with folder_written_whole(target) as partial:

@@ -72,7 +72,7 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
     draws, people = _belief(project, name, wanted)
     with recorded_run(project, "plan", name) as record, TaskTables(project.tables(name, NEEDED)) as tables:
         tables.check()
-        chosen = read_choices(tables, shifted=False)
+        chosen = read_choices(tables)
         register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         mine = _rows(chosen, people)

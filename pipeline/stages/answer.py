@@ -41,28 +41,26 @@ from pipeline.studies.robustness.divergence import true_direction
 from pipeline.terminal import say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.vocabulary import ALL
-from pipeline.workspace.choice_sets import Chosen, read_choices
+from pipeline.workspace.choice_sets import FURTHER, Chosen, read_choices
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
 
 NEEDED = ("demonstrations", "rejected", "alternatives", "features", "scales", "densities")
-SHIFTED = ("shifted_features",)
 PEOPLE = ("demonstration_id", "participant")
 
 
 def run(project: Project, name: str) -> None:
     """Write the tables of the answer of the task `name`."""
     task = project.params.task(name)
-    shifted = project.table(name, SHIFTED[0]).exists()
-    inputs = (*NEEDED, *(SHIFTED if shifted else ()))
+    further = [table for table in FURTHER if project.table(name, table).exists()]
     with (
         recorded_run(project, "answer", name) as record,
-        TaskTables(project.tables(name, inputs)) as tables,
+        TaskTables(project.tables(name, (*NEEDED, *further))) as tables,
     ):
         tables.check()
         scene = load_task_scene(project, task)
-        chosen = read_choices(tables, shifted)
+        chosen = read_choices(tables, further)
         remarks = _remarks(chosen.people, tables["rejected"].read())
         stated = provenance(
             project, parameters("answer", name), [*tables.values(), *scene_files(scene.path)], model=model_hash(scene)
@@ -131,6 +129,7 @@ def case_of(chosen: Chosen, gap: float | None = None, remarks: int | None = None
         bandwidth=float(np.median([one.bandwidth for one in chosen.sets.values()])),
         truth=np.stack(known) if len(known) == len(stated) else None,
         remarks=remarks,
+        explored=chosen.explored,
     )
 
 

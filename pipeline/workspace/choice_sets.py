@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,9 @@ import polars as pl
 from pipeline.arrays import FloatArray
 from pipeline.errors import StageError
 from pipeline.formats.parquet.task_tables import TaskTables
-from pipeline.vocabulary import TASK_ANCHOR, WORKING
+from pipeline.vocabulary import LESS, TASK_ANCHOR, WORKING
+
+FURTHER = SHIFTED, EXPLORED = "shifted_features", "explored"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +44,7 @@ class Chosen:
         raw: (n, F) features of the demonstrations.
         sets: by anchor.
         others: of each further sampler the raw features by anchor; empty if none was drawn.
+        explored: of each exploration under LESS, scaled features and log weights; empty if the space is not explored.
     """
 
     features: tuple[str, ...]
@@ -49,6 +53,7 @@ class Chosen:
     raw: FloatArray
     sets: dict[str, ChoiceSet]
     others: tuple[dict[str, FloatArray], ...]
+    explored: tuple[tuple[FloatArray, FloatArray], ...]
 
     @property
     def shared(self) -> bool:
@@ -66,12 +71,12 @@ class Chosen:
         return tuple(by_anchor[key] for key in self.people["demonstration_id"])
 
 
-def read_choices(tables: TaskTables, shifted: bool) -> Chosen:
+def read_choices(tables: TaskTables, further: Collection[str] = ()) -> Chosen:
     """The working sets of a task, and what its other samplers drew.
 
     Args:
-        tables: demonstrations, alternatives, features, scales and densities, and shifted_features if there is one.
-        shifted: whether there is.
+        tables: demonstrations, alternatives, features, scales and densities, and those of `further`.
+        further: which of `FURTHER` there are.
 
     Raises:
         TableError: a table is missing or not what it should be.
@@ -110,8 +115,18 @@ def read_choices(tables: TaskTables, shifted: bool) -> Chosen:
     if missing or both.height != rows.height:
         raise StageError(f"{tables['features'].path}: does not fit the other tables of the task; run `dvc repro`")
     raw = np.ascontiguousarray(people.select(names).to_numpy())
-    others = _others(tables, names, set(wanted)) if shifted else ()
-    return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others)
+    others = _others(tables, names, set(wanted)) if SHIFTED in further else ()
+    explored = _explored(tables) if EXPLORED in further else ()
+    return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others, explored)
+
+
+def _explored(tables: TaskTables) -> tuple[tuple[FloatArray, FloatArray], ...]:
+    columns = ["exploration", "model", "features", "log_weight"]
+    rows = tables[EXPLORED].read(columns, where=pl.col("model") == LESS)
+    return tuple(
+        (np.ascontiguousarray(part["features"].to_numpy()), part["log_weight"].to_numpy())
+        for _, part in rows.group_by("exploration", maintain_order=True)
+    )
 
 
 def _others(tables: TaskTables, names: tuple[str, ...], wanted: set[str]) -> tuple[dict[str, FloatArray], ...]:
