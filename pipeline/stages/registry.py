@@ -193,7 +193,8 @@ STAGES = (
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",
             "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
-            "sensitivity_summary", "duplicates_summary", "fits", "explored", "explored_posteriors", "shifted_features", "predictions", "predictive_checks",
+            "sensitivity_summary", "duplicates_summary", "fits", "explored", "explored_posteriors", "shifted_features",
+            "predictions",
         ),
         outputs=("datasets/{task}/figures",),
         metrics=("datasets/{task}/metrics.json",),
