@@ -126,7 +126,7 @@ def _told(answers: _Answers, tasks: Sequence[str]) -> list[Part]:
 
 def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -> list[Part]:
     header = (
-        "task", "model", "what they want", "probability", "beta", "entropy (nat)", "held-out (nat)",
+        "task", "model", "what they want", "P(theta)", "beta", "entropy (nat)", "held-out (nat)",
         "KLAggregate, one sampler", "KLAggregate, different samplers",
     )  # fmt: skip
     rows = []
@@ -139,8 +139,9 @@ def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -
             spread = [divergence.get(regime) for regime in (INDEPENDENT, SAMPLER_SHIFT)]
             rows.append([task, model_name(model), *numbers, model_numbers.get("held_out"), *spread])
     caption = (
-        "What all demonstrations of a task together say: the most probable weights with their probability, the most "
-        "probable beta with them, the entropy of the posterior over weights, the mean log predictive probability of a "
+        "What all demonstrations of a task together say: the most probable weights with their probability whatever "
+        "beta is, the most probable beta with them, the entropy "
+        "of the posterior over weights, the mean log predictive probability of a "
         "demonstration given the others, and the median KLAggregate of single demonstrations with the largest sets "
         "(nats; lower is more robust)."
     )
