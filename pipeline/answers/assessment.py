@@ -9,18 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
 
 from pipeline.answers.calibration import calibrate
-from pipeline.answers.checks import departure, edge_probability, outside_share, surprise
+from pipeline.answers.checks import departure, edge_probability, outside_share, surprise, truth_level
 from pipeline.answers.verdict import Numbers
 from pipeline.answers.words import stated_signs
 from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann, select_bandwidth
 from pipeline.choice.models import Model
-from pipeline.choice.prediction import effective_alternatives, predictive, predictive_check
+from pipeline.choice.prediction import PredictiveCheck, effective_alternatives, predictive, predictive_check
 from pipeline.choice.weights import (
     Choices,
     GroupDraws,
@@ -30,6 +31,7 @@ from pipeline.choice.weights import (
     sample_group,
     sample_weights,
 )
+from pipeline.choice.weights.choices import SeparateChoices
 from pipeline.choice.weights.held_out import leave_one_out
 from pipeline.choice.weights.hierarchy import DEFAULT_GROUP
 
@@ -38,23 +40,107 @@ _LIKELY = 0.05  # probability from which on a scale of the prior is one that mig
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What an answer is computed from; features are raw, and scaled by their range over the alternatives.
+    """What an answer is computed from.
 
     Attributes:
-        alternatives: (N, F).
-        demonstrations: (n, F).
+        alternatives: (N, F) raw features of what all demonstrations were chosen from; or n such sets, one for each.
+        demonstrations: (n, F) raw.
         people: (n,) who gave each demonstration.
-        other_samplers: sets (M, F) drawn by other samplers from the same choice space; none if there are none.
+        other_samplers: what other samplers drew from the same choice space, each as `alternatives`; there may be none.
         end_gap: see `checks.end_gap`; None if it was not looked at.
         repetitions: simulated repetitions for the coverage; 0 leaves it unchecked.
+        scale: (F,) what features are divided by; None: their range over the alternatives.
+        bandwidth: of LESS, in scaled features; None: selected.
+        truth: (P, F) true directions on scaled features, of simulated people; None if nobody knows.
+        remarks: recordings that were refused, cut off or repaired; None if it was not looked at.
+        explored: of each exploration of the choice space under LESS, scaled features (M, F) and log weights (M,).
     """
 
-    alternatives: FloatArray
+    alternatives: FloatArray | Sequence[FloatArray]
     demonstrations: FloatArray
     people: Sequence[str]
-    other_samplers: tuple[FloatArray, ...] = ()
+    other_samplers: tuple[FloatArray | Sequence[FloatArray], ...] = ()
     end_gap: float | None = None
     repetitions: int = 40
+    scale: FloatArray | None = None
+    bandwidth: float | None = None
+    truth: FloatArray | None = None
+    remarks: int | None = None
+    explored: tuple[tuple[FloatArray, FloatArray], ...] = ()
+
+    @property
+    def shared(self) -> bool:
+        """Whether all demonstrations were chosen from one set."""
+        return isinstance(self.alternatives, np.ndarray)
+
+    @cached_property
+    def divisor(self) -> FloatArray:
+        """(F,) what features are divided by."""
+        return np.ptp(_pooled(self.alternatives), axis=0) if self.scale is None else self.scale
+
+    @cached_property
+    def rows(self) -> FloatArray | tuple[FloatArray, ...]:
+        """The alternatives in scaled features."""
+        return _divided(self.alternatives, self.divisor)
+
+    @cached_property
+    def others(self) -> tuple[FloatArray | tuple[FloatArray, ...], ...]:
+        """Those of other samplers in scaled features."""
+        return tuple(_divided(sets, self.divisor) for sets in self.other_samplers)
+
+    @cached_property
+    def chosen(self) -> FloatArray:
+        """(n, F) the demonstrations in scaled features."""
+        return self.demonstrations / self.divisor
+
+    @cached_property
+    def sigma(self) -> float:
+        """Bandwidth of LESS; of several sets, the median."""
+        if self.bandwidth is not None:
+            return self.bandwidth
+        sets = [self.rows] if isinstance(self.rows, np.ndarray) else self.rows
+        return float(np.median([select_bandwidth(rows).value for rows in sets]))
+
+    def groups(self) -> dict[str, list[int]]:
+        """By person, in order of their names, the demonstrations that they gave."""
+        return {name: [n for n, who in enumerate(self.people) if who == name] for name in sorted(set(self.people))}
+
+
+Sets = FloatArray | tuple[FloatArray, ...]
+
+
+def choices_from(model: Model, chosen: FloatArray, rows: Sets) -> Choices | SeparateChoices:
+    """Demonstrations (n, F) that join the alternatives that they were chosen from, all scaled."""
+    if isinstance(rows, np.ndarray):
+        return Choices.outside(model, chosen, rows)
+    parts = (Choices.outside(model, one[None], own) for one, own in zip(chosen, rows, strict=True))
+    return SeparateChoices(tuple(parts))
+
+
+def choices_from_region(chosen: FloatArray, rows: FloatArray, log_w: FloatArray) -> Choices:
+    """Demonstrations (n, F) chosen from an explored space: rows (M, F) that stand for volumes exp(log_w).
+
+    Each demonstration joins with the median volume, as what a person did is part of what could be done.
+    """
+    own = np.full(len(chosen), np.median(log_w))
+    return Choices(rows, log_w, chosen, own, np.broadcast_to(log_w, (len(chosen), len(log_w))))
+
+
+def _pooled(sets: FloatArray | Sequence[FloatArray]) -> FloatArray:
+    return sets if isinstance(sets, np.ndarray) else np.concatenate(list(sets))
+
+
+def _divided(sets: FloatArray | Sequence[FloatArray], divisor: FloatArray) -> Sets:
+    return sets / divisor if isinstance(sets, np.ndarray) else tuple(one / divisor for one in sets)
+
+
+def _halves(rng: np.random.Generator, sets: Sets) -> tuple[Sets, Sets]:
+    """Two random halves of every set."""
+    if isinstance(sets, np.ndarray):
+        half = rng.permutation(len(sets)) % 2
+        return sets[half == 0], sets[half == 1]
+    parts = [_halves(rng, one) for one in sets]
+    return tuple(np.asarray(one) for one, _ in parts), tuple(np.asarray(other) for _, other in parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +149,7 @@ class Answer:
 
     Attributes:
         group: the group's weights on scaled features.
+        pooled: the weights of all as if they were one person.
         scale: (F,) what features are divided by.
         ways: the same weights computed in other ways, by name: models, explorations, samplers, bandwidths, scales,
             prior.
@@ -70,6 +157,7 @@ class Answer:
     """
 
     group: GroupDraws
+    pooled: WeightDraws
     scale: FloatArray
     ways: Mapping[str, tuple[WeightDraws, ...]]
     numbers: Numbers
@@ -89,17 +177,14 @@ def widest_cap(answer: WeightDraws, ways: Mapping[str, tuple[WeightDraws, ...]],
 
 def assess(rng: np.random.Generator, case: Case, prior: GroupPrior = DEFAULT_GROUP) -> Answer:
     """Compute the answer and check it in every way that the case allows."""
-    scale = np.ptp(case.alternatives, axis=0)
-    rows, chosen = case.alternatives / scale, case.demonstrations / scale
-    sigma = select_bandwidth(rows).value
-    together = Choices.outside(LESS(sigma), chosen, rows)
-    names = sorted(set(case.people))
-    each = [together.subset([n for n, who in enumerate(case.people) if who == name]) for name in names]
-    group = sample_group(rng, each, prior, count=512)
+    together = choices_from(LESS(case.sigma), case.chosen, case.rows)
+    group = sample_group(rng, [together.subset(own) for own in case.groups().values()], prior, count=512)
     answer = group.group
     pooled = sample_weights(rng, together, prior.weights, 2048)
-    ways = _other_ways(rng, case, scale, sigma, pooled, prior.weights)
+    ways = _other_ways(rng, case, pooled, prior.weights)
     departures = {name: departure(answer, some) for name, some in ways.items()}
+    parts = together.parts if isinstance(together, SeparateChoices) else (together,)
+    predicted = [predictive(part.alternatives, part.log_w, pooled.omega, pooled.weight) for part in parts]
     numbers = Numbers(
         **departures,
         pareto_k=answer.pareto_k,
@@ -107,67 +192,75 @@ def assess(rng: np.random.Generator, case: Case, prior: GroupPrior = DEFAULT_GRO
         stated=float(np.abs(stated_signs(answer)).sum()),
         cap_deg=math.degrees(widest_cap(answer, ways, 0.9)),
         ends=case.end_gap,
-        outside=outside_share(chosen, rows),
-        surprise=_surprise(together, pooled),
-        alternatives=effective_alternatives(predictive(rows, together.log_w, pooled.omega, pooled.weight)),
-        disagreement=group.disagreement if len(names) > 1 else None,
-        coverage=_coverage(rng, case, scale, sigma, group, prior) if case.repetitions else None,
+        outside=float(np.mean([outside_share(part.chosen, part.alternatives) for part in parts])),
+        surprise=surprise(held_out_check(together, pooled)) if together.count > 1 else None,
+        alternatives=float(np.median([effective_alternatives(p) for p in predicted])),
+        disagreement=group.disagreement if len(case.groups()) > 1 else None,
+        coverage=_coverage(rng, case, group, prior) if case.repetitions and case.shared else None,
         edge=edge_probability(pooled, prior.weights),
+        truth=None if case.truth is None else truth_level(case.truth, answer, [*chain.from_iterable(ways.values())]),
+        remarks=case.remarks,
     )
-    return Answer(group, scale, ways, numbers)
+    return Answer(group, pooled, case.divisor, ways, numbers)
 
 
 def _other_ways(
-    rng: np.random.Generator, case: Case, scale: FloatArray, sigma: float, pooled: WeightDraws, prior: WeightPrior
+    rng: np.random.Generator, case: Case, pooled: WeightDraws, prior: WeightPrior
 ) -> dict[str, tuple[WeightDraws, ...]]:
     """All demonstrations together under everything else that might have been chosen; names as in `Numbers`."""
-    rows, chosen = case.alternatives / scale, case.demonstrations / scale
 
-    def other(model: Model, alternatives: FloatArray) -> WeightDraws:
-        return sample_weights(rng, Choices.outside(model, chosen, alternatives), prior, 1024)
+    def other(model: Model, rows: Sets) -> WeightDraws:
+        return sample_weights(rng, choices_from(model, case.chosen, rows), prior, 1024)
 
     likely, by_scale = pooled.by_scale(prior)
     found = {
-        "models": (other(Boltzmann(), rows),),
-        "bandwidths": tuple(other(LESS(factor * sigma), rows) for factor in (0.5, 2.0)),
-        "scales": (_scaled_otherwise(rng, case, scale, prior),),
+        "models": (other(Boltzmann(), case.rows),),
+        "bandwidths": tuple(other(LESS(factor * case.sigma), case.rows) for factor in (0.5, 2.0)),
+        "scales": (_scaled_otherwise(rng, case, prior),),
         "prior": tuple(part for part, p in zip(by_scale, likely, strict=True) if p >= _LIKELY),
     }
-    if len(rows) >= 8:
-        half = rng.permutation(len(rows)) % 2
-        found["explorations"] = tuple(other(LESS(), rows[half == part]) for part in (0, 1))
-    if case.other_samplers:
-        found["samplers"] = tuple(other(LESS(), more / scale) for more in case.other_samplers)
+    fewest = len(case.rows) if isinstance(case.rows, np.ndarray) else min(map(len, case.rows))
+    if fewest >= 8:
+        found["explorations"] = tuple(other(LESS(), half) for half in _halves(rng, case.rows))
+    if case.explored:
+        regions = (choices_from_region(case.chosen, rows, log_w) for rows, log_w in case.explored)
+        over_space = tuple(sample_weights(rng, choices, prior, 1024) for choices in regions)
+        found["explorations"] = (*found.get("explorations", ()), *over_space)
+    if case.others:
+        found["samplers"] = tuple(other(LESS(), rows) for rows in case.others)
     return found
 
 
-def _scaled_otherwise(rng: np.random.Generator, case: Case, scale: FloatArray, prior: WeightPrior) -> WeightDraws:
+def _scaled_otherwise(rng: np.random.Generator, case: Case, prior: WeightPrior) -> WeightDraws:
     """With features scaled by their standard deviation; its weights in the units of the answer."""
-    by_std = case.alternatives.std(axis=0)
+    by_std, scale = _pooled(case.alternatives).std(axis=0), case.divisor
+    by_std = np.where(by_std > 0, by_std, scale)  # of a feature in which alternatives do not vary
     # the prior speaks of ranges: a standard deviation is a fraction of one
     by_std = by_std * np.exp(np.log(scale / by_std).mean())
-    draws = sample_weights(
-        rng, Choices.outside(LESS(), case.demonstrations / by_std, case.alternatives / by_std), prior, 1024
-    )
+    choices = choices_from(LESS(), case.demonstrations / by_std, _divided(case.alternatives, by_std))
+    draws = sample_weights(rng, choices, prior, 1024)
     return WeightDraws(draws.omega * (scale / by_std), draws.log_weight, draws.pareto_k, draws.log_evidence)
 
 
-def _surprise(together: Choices, pooled: WeightDraws) -> float | None:
-    if together.count < 2:
-        return None
-    without = leave_one_out(pooled, together.log_likelihood(pooled.omega))
-    p = predictive(together.alternatives, together.log_w, pooled.omega, np.exp(without.log_weight))
-    return surprise(predictive_check(together.alternatives, p, together.chosen))
+def held_out_check(together: Choices | SeparateChoices, pooled: WeightDraws) -> PredictiveCheck:
+    """Where each demonstration falls in what is predicted for it from the others."""
+    without = np.exp(leave_one_out(pooled, together.log_likelihood(pooled.omega)).log_weight)
+    if isinstance(together, Choices):
+        p = predictive(together.alternatives, together.log_w, pooled.omega, without)
+        return predictive_check(together.alternatives, p, together.chosen)
+    found = [
+        predictive_check(part.alternatives, predictive(part.alternatives, part.log_w, pooled.omega, own), part.chosen)
+        for part, own in zip(together.parts, without, strict=True)
+    ]
+    return PredictiveCheck(np.concatenate([one.place for one in found]), np.concatenate([one.p_value for one in found]))
 
 
-def _coverage(
-    rng: np.random.Generator, case: Case, scale: FloatArray, sigma: float, group: GroupDraws, prior: GroupPrior
-) -> float:
+def _coverage(rng: np.random.Generator, case: Case, group: GroupDraws, prior: GroupPrior) -> float:
     """Of 90 % regions, for people like these who choose from everything that is known of the choice space."""
-    rows = case.alternatives / scale
-    pool = np.concatenate([rows, *(more / scale for more in case.other_samplers)])
+    rows = _pooled(case.rows)
     found = calibrate(
-        rng, {LESS.name: LESS(sigma)}, rows, len(case.demonstrations), case.repetitions, prior.weights,
-        truths=group.group.resampled(rng, case.repetitions), pool=pool, count=512,
+        rng, {LESS.name: LESS(case.sigma)}, rows, len(case.demonstrations), case.repetitions, prior.weights,
+        truths=group.group.resampled(rng, case.repetitions), pool=np.concatenate([rows, *map(_pooled, case.others)]),
+        count=512,
     )  # fmt: skip
     return found.recoveries[LESS.name, LESS.name].coverage()

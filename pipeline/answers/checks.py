@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from pipeline.answers.words import stated_signs
 from pipeline.arrays import FloatArray
+from pipeline.choice.metrics import angle_to
 from pipeline.choice.prediction import PredictiveCheck
 from pipeline.choice.validation import matrix
 from pipeline.choice.weights import WeightDraws
@@ -38,6 +39,25 @@ def contradicted(answer: WeightDraws, other: WeightDraws) -> bool:
     """Whether the other holds a sign that the answer states for less probable than not."""
     signs = stated_signs(answer)
     return bool(np.any((signs != 0) & (np.where(signs > 0, other.positive, 1 - other.positive) < 0.5)))
+
+
+def truth_level(truth: FloatArray, answer: WeightDraws, others: Sequence[WeightDraws] = ()) -> float:
+    """Credible level at which the true direction lies, 1 if a stated sign is wrong.
+
+    A sign is wrong if it is not that of the people's mean, or if a third of the people want the opposite. The level is
+    the lowest over the answer and the other ways of computing it, as the angle that is said to hold the direction is
+    the widest of theirs.
+
+    Args:
+        truth: (P, F) people's true directions.
+        answer: whose direction and signs are judged.
+        others: the other ways.
+    """
+    mean, signs = truth.mean(axis=0), stated_signs(answer)
+    if bool(np.any((np.sign(mean) * signs < 0) | ((np.sign(truth) * signs < 0).mean(axis=0) >= 1 / 3))):
+        return 1.0
+    angle = angle_to(answer.direction, mean)
+    return min(draws.nearer(answer.direction, angle) for draws in (answer, *others))
 
 
 def end_gap(demonstrations: FloatArray, alternatives: FloatArray) -> float:

@@ -7,10 +7,8 @@ gravest bound means do not trust; any other "no" means be careful, and so does a
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-
-from pipeline.answers.words import Preference, sentence
 
 
 class Trust(enum.Enum):
@@ -181,18 +179,6 @@ def _line(name: str, rule: Rule, number: float | None) -> Line:
     # a NaN is within no bounds, so it is a no, and as grave as can be
     grave = rule.gravest is not None and not (rule.gravest <= number < rule.least or rule.most < number <= rule.gravest)
     return Line(name, rule.question, Outcome.NO, number, Trust.NOT if grave else Trust.CAREFUL)
-
-
-def in_lines(task: str, found: Sequence[Preference], verdict: Verdict, most: int = 10) -> list[str]:
-    """What `lessbench answer` prints: what they wanted, how sure, whether to trust it and why not."""
-    lines = [f"{task}: {sentence(found)}"]
-    lines += [f"  {preference}" for preference in found]
-    lines.append(f"{verdict.trust.value}")
-    reasons = [f"  {line}" for line in verdict.reasons]
-    left = most - len(lines)
-    if len(reasons) > left:
-        reasons = [*reasons[: left - 1], f"  and {len(reasons) - left + 1} more"]
-    return lines + reasons
 
 
 def names() -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.grouping import ASK, LOOK, TRUST, Commands
-from pipeline.cli.shared import AsJson, Bind, IsLive, Port, TaskName, TaskOrStudies, this_project
+from pipeline.cli.shared import AsJson, Bind, IsLive, Port, TaskName, TaskOrStudies, tasks, this_project
 from pipeline.commands.sql.answers import MOST_ROWS, ROWS_ELSEWHERE, ROWS_ON_TERMINAL, Format
 from pipeline.terminal import say, say_json
 from pipeline.vocabulary import STUDIES
@@ -67,6 +67,84 @@ def sql(
         prompt(project.catalog, project.root / HISTORY)
     else:
         answer_once(project.catalog, question, Wanted(form, output, rows, formulas))
+
+
+@commands.command(rich_help_panel=LOOK)
+def answer(
+    task: Annotated[
+        str | None,
+        typer.Argument(metavar="[TASK]", help="A task of params.yaml; without it: all.", autocompletion=tasks),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what people wanted, how sure that is, and whether to trust it and why not, in ten lines.
+
+    Example: `lessbench answer table`; docs/answers.md has the rules.
+    """
+    from pipeline.commands.answer import run
+
+    run(this_project(), task, as_json)
+
+
+@commands.command(rich_help_panel=LOOK)
+def plan(
+    task: TaskName,
+    person: Annotated[
+        str | None, typer.Option("--for", metavar="PERSON", help="For one of the participants (default: someone new).")
+    ] = None,
+    model: Annotated[str, typer.Option(help="Whose weights: less or boltzmann.")] = "less",
+    contacts: Annotated[
+        bool, typer.Option("--contacts/--no-contacts", help="Whether the arm must touch nothing, by MuJoCo's contacts.")
+    ] = True,
+) -> None:
+    """Plan the motion that is best for what people want, and write it for a controller into datasets/TASK/plan.
+
+    plan.mcap has it as JointTrajectory and JointState, plan.csv as a table, plan.rrd for the viewer.
+
+    Example: `lessbench plan table`, or `lessbench plan table --for participant-03`.
+    """
+    from pipeline.commands.plan import Wanted, run
+
+    run(this_project(), task, Wanted(person, model, contacts))
+
+
+@commands.command(rich_help_panel=TRUST)
+def calibrate(
+    task: TaskName,
+    demonstrations: Annotated[
+        int | None, typer.Option(min=1, help="Of one person, in each repetition (default: as many as the task has).")
+    ] = None,
+    repetitions: Annotated[int, typer.Option(min=1, max=10_000, help="For each model.")] = 100,
+) -> None:
+    """Ask what as many demonstrations as these can tell: simulate people on the task's alternatives, and infer them.
+
+    Would they tell LESS from Boltzmann, and these weights from those? A hundred repetitions take about half a minute.
+
+    Example: `lessbench calibrate table --demonstrations 30`
+    """
+    from pipeline.commands.calibrate import Wanted, run
+
+    run(this_project(), task, Wanted(demonstrations, repetitions))
+
+
+@commands.command(rich_help_panel=LOOK)
+def export(
+    task: TaskName,
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="arviz: the draws of the weights as JSON.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Where to (default: datasets/TASK/arviz).")
+    ] = None,
+) -> None:
+    """Write a task's results in another program's format.
+
+    Example: `lessbench export table --to arviz`, then `arviz.from_json("datasets/table/arviz/less.json")`.
+    """
+    from pipeline.commands.export_arviz import export_arviz
+
+    exporters = {"arviz": export_arviz}
+    if to not in exporters:
+        raise typer.BadParameter(f"{to!r} is not known; there is {', '.join(exporters)}", param_hint="--to")
+    exporters[to](this_project(), task, output)
 
 
 @commands.command(rich_help_panel=LOOK)

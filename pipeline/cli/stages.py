@@ -165,6 +165,17 @@ def study(
 
 
 @commands.command(rich_help_panel=STAGES)
+def conclude(task: TaskName) -> None:
+    """Compute what people wanted, whether to trust it and what they would do next, into answers.parquet and others.
+
+    Example: `lessbench conclude table`, then `lessbench answer table`.
+    """
+    from pipeline.stages.answer import run
+
+    run(this_project(), task)
+
+
+@commands.command(rich_help_panel=STAGES)
 def inspect(
     task: TaskOrStudies, live: IsLive = False, port: Port = 9876, bind: Bind = "127.0.0.1", stay: Stay = None
 ) -> None:

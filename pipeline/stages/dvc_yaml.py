@@ -47,7 +47,8 @@ NEUTRAL = {
     "pipeline/workspace/project.py",
     "pipeline/workspace/trust.py",
 }
-MOST = 0.5  # share of the files in a folder, from which on a stage waits for the whole folder
+MOST = 0.34  # share of the files in a folder, from which on a stage waits for the whole folder
+MANY = 4  # tables of a stage, from which on it waits for the folder of all schemas
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
 # Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
@@ -87,7 +88,7 @@ def code_of(module: str) -> list[str]:
     """The files of code that can change what a module does, a folder standing for all that is in it.
 
     They are the module and what it imports, anywhere in it, and so on; without `NEUTRAL`, and without the files
-    `__init__.py`, which compute nothing. A folder of which they are half or more stands for them and the rest in it.
+    `__init__.py`, which compute nothing. A folder of which they are a third or more stands for it.
     """
     found: set[str] = set()
     waiting = {f"{module.replace('.', '/')}.py"}
@@ -118,7 +119,7 @@ def _stage(stage: Stage, params: Params, own: Mapping[str, str]) -> str:
     inputs = dict.fromkeys(path.format(task=place) for path in stage.inputs for place in places)
     if FILE_OF_PARAMETERS in inputs:
         inputs |= dict.fromkeys(own.values())
-    schemas = [f"schemas/{table}.toml" for table in stage.makes]
+    schemas = [f"schemas/{table}.toml" for table in stage.makes] if len(stage.makes) < MANY else ["schemas"]
     made = [*(table_path(key, table) for table in stage.makes), *_for(stage.outputs, key)]
     return "".join(
         [

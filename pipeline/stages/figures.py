@@ -8,10 +8,12 @@ import polars as pl
 from pipeline.arrays import FloatArray
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.formats.parquet.checked.open_table import OpenTable
+from pipeline.formats.parquet.tables import read_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.studies.robustness.samplings import COMPARED
 from pipeline.views.figures.folder import write_figures
 from pipeline.views.figures.held_out import held_out_figure
+from pipeline.views.figures.predicted import predicted_figure
 from pipeline.views.figures.robustness import (
     accuracy_figure,
     duplicates_figure,
@@ -62,6 +64,11 @@ def run(project: Project, name: str) -> None:
         held_out = results["held_out"].read(where=pl.col("set_id") == WORKING)
         if held_out.height:
             figures["held_out"] = held_out_figure(held_out, compare_models(held_out), differences(held_out))
+        predictions = project.table(name, "predictions")
+        if predictions.exists():
+            following = read_table(predictions, "predictions").filter(kind="next")
+            if following.height:
+                figures["predicted"] = predicted_figure(following, view.features, view.units, view.demonstration_phi)
         summary = None
         if project.table(name, ROBUSTNESS[0]).exists():
             figures |= _robustness(results, view.labels, view.meaning)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from pipeline.answers.tables import answer_markdown
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.choice import entropy
 from pipeline.formats.parquet.checked.open_table import OpenTable
@@ -155,16 +156,25 @@ def _drawn(view: TaskView) -> str:
     return f"{paths} alternatives of the working set; at most {PATHS} of each of the {others} other sets"
 
 
+def _answer(project: Project, name: str) -> list[str]:
+    """The answer as `lessbench answer` says it; nothing if there is none yet."""
+    path = project.table(name, "answers")
+    if not path.exists():
+        return []
+    return [*answer_markdown(read_table(path, "answers")), ""]
+
+
 def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
     origin = "simulated" if view.demonstrations["simulated"].all() else "recorded"
     lines = [
         f"# {name}",
         "",
+        *_answer(project, name),
         f"**{view.demonstrations.height} {origin} demonstrations** from `{task.recordings}`, "
         f"{view.alternatives.height:,} alternatives ({project.params.sample.sampler}{_anchored(view)}), scene "
         f"`{Path(task.scene).name}`.",
         "",
-        "| model | most probable | P | beta | thetas left |",
+        "| model | most probable | P(theta) | beta | thetas left |",
         "|---|---|---|---|---|",
     ]
     together = view.fits.filter(demonstration_id=ALL, participant=ALL)

@@ -176,11 +176,25 @@ STAGES = (
         features=True,
     ),
     Stage(
+        "answer", Scope.TASK, "conclude", "pipeline.stages.answer",
+        parameters=("seed", "tasks.{task}.end_effector", "tasks.{task}.features"),
+        reads=(
+            "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "explored",
+            "shifted_features",
+        ),
+        inputs=(SCENE,),
+        makes=(
+            "weights", "weights_summary", "answers", "predictions", "predicted_motion", "likely_paths",
+            "predictive_checks",
+        ),
+    ),
+    Stage(
         "figures", Scope.TASK, "figures", "pipeline.stages.figures",
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",
             "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
             "sensitivity_summary", "duplicates_summary", "fits", "explored", "explored_posteriors", "shifted_features",
+            "predictions",
         ),
         outputs=("datasets/{task}/figures",),
         metrics=("datasets/{task}/metrics.json",),
@@ -192,7 +206,7 @@ STAGES = (
         ),
         reads=(
             "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
-            "fits", "explored_posteriors",
+            "fits", "explored_posteriors", "answers",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/inspect.rrd",),

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.answers.verdict import RULES, Numbers, Outcome, Trust, in_lines, judge, names
+from pipeline.answers.tables import answer_lines, answer_rows
+from pipeline.answers.verdict import RULES, Numbers, Outcome, Trust, judge, names
 from pipeline.answers.words import Preference
 
 SOUND = Numbers(
@@ -67,9 +68,9 @@ def test_the_gravest_reason_comes_first() -> None:
 
 def test_ten_lines() -> None:
     found = [Preference("table", "stay low", -9.0, (-11.0, -7.0), 1.0)]
-    lines = in_lines("table", found, judge(Numbers()))
+    lines = answer_lines(answer_rows("table", found, judge(Numbers())))
     assert len(lines) == 10
     assert lines[0] == "table: stay low"
     assert lines[2] == "be careful"
     assert lines[-1].startswith("  and ")
-    assert in_lines("table", found, judge(SOUND))[-1] == "trust"
+    assert answer_lines(answer_rows("table", found, judge(SOUND)))[-1] == "trust"

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pipeline.errors import WorkbenchError
-from pipeline.stages import catalog, density, featurize, figures, infer, ingest, report, sample
+from pipeline.stages import answer, catalog, density, featurize, figures, infer, ingest, report, sample
 from pipeline.workspace.project import Project, recorded_runs
 from tests.support.browser import PROGRAM, chromium_page
 from tests.support.gantry_project import record
@@ -29,7 +29,7 @@ def reported(make_project: Make, parameters: dict[str, Any]) -> Project:
     (project.root / "mine" / "notes.txt").write_text("Person 2 was tired.")
     whole = (project.root / "mine" / "demo-0.mcap").read_bytes()
     (project.root / "mine" / "cut & <b>off.mcap").write_bytes(whole[: len(whole) // 2])
-    for stage in (ingest, sample, featurize, density, infer, figures):
+    for stage in (ingest, sample, featurize, density, infer, answer, figures):
         stage.run(project, "sweep")
     catalog.run(project)
     report.run(project)
@@ -40,9 +40,9 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
     path = reported.datasets / "report.html"
     page = path.read_text()
     assert re.findall("<h2>(.+)</h2>", page) == [
-        "In short", "What to be careful about", "Task: sweep", "Made with", "Parameters",
+        "Answers", "In short", "Task: sweep", "What to be careful about", "Words", "Made with", "Parameters",
     ]  # fmt: skip
-    assert page.count("<figure") == len(list(reported.figures("sweep").glob("*.svg"))) == 4
+    assert page.count("<figure") == len(list(reported.figures("sweep").glob("*.svg"))) == 5
     assert "Task sweep: 1 of 4 recordings were rejected" in page
     assert "cut &amp; &lt;b&gt;off.mcap" in page
     assert (
@@ -82,8 +82,9 @@ def test_a_browser_shows_all_of_it_and_fetches_nothing(reported: Project, tmp_pa
             shown = page.ask(
                 "[...document.images].map(i => [i.complete, i.naturalWidth, i.getBoundingClientRect().height])"
             )
-            assert len(shown) == 4
+            assert len(shown) == 5
             assert all(complete and natural > 100 and height > 50 for complete, natural, height in shown), shown
+            page.ask("document.querySelectorAll('details').forEach(one => { one.open = true })")
             text = page.ask("document.body.innerText")
             for words in ("What to be careful about", "Boltzmann", "cut & <b>off.mcap", "person-2", "theta_values"):
                 assert words in text, words

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,76 @@ class Derivatives:
     value: FloatArray
     gradient: FloatArray
     curvature: FloatArray
+
+
+class Likelihood(Protocol):
+    """What sampling the weights needs to know of demonstrations."""
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+
+    @property
+    def features(self) -> int:
+        """F, the number of features."""
+
+    def subset(self, demonstrations: Sequence[int]) -> Likelihood:
+        """Some of the demonstrations."""
+
+    def log_likelihood(self, omegas: ArrayLike) -> FloatArray:
+        """(G, n) log probability of each demonstration at each of the points (G, F)."""
+
+    def total(self, omegas: ArrayLike) -> FloatArray:
+        """(G,) log probability of all demonstrations together."""
+
+    def derivatives(self, omegas: ArrayLike) -> Derivatives:
+        """Value, gradient and curvature of `total` at the points (G, F)."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeparateChoices:
+    """Demonstrations of which each has its own alternatives, as people have who start at different places.
+
+    Attributes:
+        parts: of each demonstration; each holds one.
+    """
+
+    parts: tuple[Choices, ...]
+
+    def __post_init__(self) -> None:
+        if not self.parts or any(part.count != 1 for part in self.parts):
+            raise ArgumentError("parts must hold one demonstration each, and there must be one or more.")
+
+    @property
+    def count(self) -> int:
+        """n, the number of demonstrations."""
+        return len(self.parts)
+
+    @property
+    def features(self) -> int:
+        """F, the number of features."""
+        return self.parts[0].features
+
+    def subset(self, demonstrations: Sequence[int]) -> SeparateChoices:
+        """Some of the demonstrations, each with its alternatives."""
+        return SeparateChoices(tuple(self.parts[n] for n in demonstrations))
+
+    def log_likelihood(self, omegas: ArrayLike) -> FloatArray:
+        """(G, n), as of `Choices`."""
+        return np.concatenate([part.log_likelihood(omegas) for part in self.parts], axis=1)
+
+    def total(self, omegas: ArrayLike) -> FloatArray:
+        """(G,), as of `Choices`."""
+        return np.asarray(self.log_likelihood(omegas).sum(axis=1))
+
+    def derivatives(self, omegas: ArrayLike) -> Derivatives:
+        """As of `Choices`: the sums over demonstrations."""
+        found = [part.derivatives(omegas) for part in self.parts]
+        return Derivatives(
+            np.sum([one.value for one in found], axis=0),
+            np.sum([one.gradient for one in found], axis=0),
+            np.sum([one.curvature for one in found], axis=0),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,14 +80,18 @@ class WeightDraws:
 
     def cap(self, level: float, about: FloatArray | None = None) -> float:
         """Angle (rad) around `direction`, or another unit vector, within which theta lies with probability `level`."""
-        angles = self._angles(self.direction if about is None else about)
+        angles = self.angles(self.direction if about is None else about)
         return float(weighted_quantiles(angles[:, None], self.weight, [level])[0, 0])
 
     def within(self, theta: ArrayLike) -> float:
         """Probability that theta lies nearer to `direction` than the given one: beyond 0.9 it is outside `cap(0.9)`."""
         wanted = vector("theta", theta, length=self.omega.shape[1])
         mean = self.direction
-        return float(self.weight[self._angles(mean) < angle_to(mean, wanted)].sum())
+        return float(self.weight[self.angles(mean) < angle_to(mean, wanted)].sum())
+
+    def nearer(self, about: FloatArray, angle: float) -> float:
+        """Probability that theta lies nearer than `angle` (rad) to the unit vector `about`."""
+        return float(self.weight[self.angles(about) < angle].sum())
 
     def interval(self, level: float) -> FloatArray:
         """(F, 2) central interval of each weight."""
@@ -131,7 +135,8 @@ class WeightDraws:
         rows = np.searchsorted(np.cumsum(self.weight), places * self.weight.sum(), side="right")
         return np.asarray(self.omega[rng.permutation(np.minimum(rows, len(self.omega) - 1))])
 
-    def _angles(self, mean: FloatArray) -> FloatArray:
+    def angles(self, mean: FloatArray) -> FloatArray:
+        """(S,) rad, between each direction and a unit vector."""
         # arccos of a dot product loses half the digits near 0
         return np.asarray(
             2

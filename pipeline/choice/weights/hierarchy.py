@@ -23,7 +23,7 @@ from scipy.special import ndtr
 from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.validation import vector
-from pipeline.choice.weights.choices import Choices
+from pipeline.choice.weights.choices import Likelihood
 from pipeline.choice.weights.draws import WeightDraws
 from pipeline.choice.weights.joint_mode import JointModes, find_joint_modes
 from pipeline.choice.weights.laplace import (
@@ -107,7 +107,7 @@ class GroupDraws:
 
 
 def sample_group(
-    rng: np.random.Generator, people: Sequence[Choices], prior: GroupPrior = DEFAULT_GROUP, count: int = DRAWS
+    rng: np.random.Generator, people: Sequence[Likelihood], prior: GroupPrior = DEFAULT_GROUP, count: int = DRAWS
 ) -> GroupDraws:
     """The joint posterior over a group's weights, its spread and its people's weights.
 
@@ -168,7 +168,7 @@ def _log_proposal(modes: JointModes, counts: IndexArray, mu: FloatArray, spread:
 
 
 def _inner_draws(
-    rng: np.random.Generator, person: Choices, mu: FloatArray, spread: FloatArray
+    rng: np.random.Generator, person: Likelihood, mu: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """(S,) unbiased estimates, as logs, of a person's likelihood given mu and s, and (S, F) a draw of its weights."""
     count, size = mu.shape

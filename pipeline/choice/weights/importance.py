@@ -15,7 +15,7 @@ import numpy as np
 
 from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.logspace import log_sum_exp
-from pipeline.choice.weights.choices import Choices
+from pipeline.choice.weights.choices import Likelihood
 from pipeline.choice.weights.draws import WeightDraws
 from pipeline.choice.weights.laplace import Modes, find_modes, lattice, student_draws, student_log_density
 from pipeline.choice.weights.pareto import effective_draws, largest_good_shape, pareto_smoothed
@@ -30,7 +30,7 @@ _LEAST_SHARE = 0.1  # of the draws around each mode, however little evidence it 
 
 
 def sample_weights(
-    rng: np.random.Generator, choices: Choices, prior: WeightPrior = DEFAULT, count: int = DRAWS
+    rng: np.random.Generator, choices: Likelihood, prior: WeightPrior = DEFAULT, count: int = DRAWS
 ) -> WeightDraws:
     """The posterior over omega given all demonstrations together.
 
@@ -38,6 +38,7 @@ def sample_weights(
     set.
 
     >>> from pipeline.choice import Boltzmann
+    >>> from pipeline.choice.weights import Choices
     >>> choices = Choices.of_rows(Boltzmann(), [2, 2, 2], [[0.0], [0.5], [1.0]])
     >>> draws = sample_weights(np.random.default_rng(0), choices)
     >>> bool(draws.positive[0] > 0.9)
@@ -76,7 +77,7 @@ def sample_weights(
     return WeightDraws(omega, log_weight, pareto_k, float(log_sum_exp(log_ratio)) - math.log(len(omega)))
 
 
-def modes_by_scale(choices: Choices, prior: WeightPrior) -> Modes:
+def modes_by_scale(choices: Likelihood, prior: WeightPrior) -> Modes:
     """The mode under each scale of the prior."""
     tau = np.array(prior.scales)
     return find_modes(choices, np.zeros((len(tau), choices.features)), tau)
@@ -120,7 +121,7 @@ class _Mixture:
         return total
 
 
-def _around_modes(choices: Choices, prior: WeightPrior, count: int) -> _Mixture:
+def _around_modes(choices: Likelihood, prior: WeightPrior, count: int) -> _Mixture:
     """A t around the mode under each scale, in proportion to Laplace's evidence."""
     modes = modes_by_scale(choices, prior)
     share = np.exp(modes.log_evidence - log_sum_exp(modes.log_evidence))

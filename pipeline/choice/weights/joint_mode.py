@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
-from pipeline.choice.weights.choices import Choices
+from pipeline.choice.weights.choices import Likelihood
 from pipeline.choice.weights.laplace import gaussian_log_density
 from pipeline.errors import WorkbenchError
 
@@ -48,7 +48,7 @@ class _State:
     curvature: FloatArray
 
 
-def find_joint_modes(people: Sequence[Choices], scales: Sequence[float], spreads: Sequence[float]) -> JointModes:
+def find_joint_modes(people: Sequence[Likelihood], scales: Sequence[float], spreads: Sequence[float]) -> JointModes:
     """The modes of all cells of `scales` x `spreads`.
 
     Raises:
@@ -79,7 +79,7 @@ def find_joint_modes(people: Sequence[Choices], scales: Sequence[float], spreads
 
 
 def _evaluated(
-    people: Sequence[Choices], mu: FloatArray, omega: FloatArray, scale: FloatArray, spread: FloatArray
+    people: Sequence[Likelihood], mu: FloatArray, omega: FloatArray, scale: FloatArray, spread: FloatArray
 ) -> _State:
     each = [person.derivatives(omega[:, index]) for index, person in enumerate(people)]
     value = sum((found.value for found in each), start=np.zeros(len(mu)))

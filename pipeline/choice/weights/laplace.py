@@ -9,7 +9,7 @@ import numpy as np
 from scipy import special
 
 from pipeline.arrays import FloatArray, IndexArray
-from pipeline.choice.weights.choices import Choices
+from pipeline.choice.weights.choices import Likelihood
 from pipeline.errors import WorkbenchError
 
 FREEDOM = 5.0  # degrees of freedom of the draws around a mode: tails heavier than any log-concave target's
@@ -45,7 +45,7 @@ def gaussian_log_density(omega: FloatArray, mean: FloatArray, scale: FloatArray)
     return np.asarray(-squared / (2 * scale**2) - size * (np.log(scale) + 0.5 * math.log(2 * math.pi)))
 
 
-def find_modes(choices: Choices, mean: FloatArray, scale: FloatArray, precise: float = PRECISE) -> Modes:
+def find_modes(choices: Likelihood, mean: FloatArray, scale: FloatArray, precise: float = PRECISE) -> Modes:
     """The mode of every posterior under the prior N(mean_g, scale_g^2 I), by damped Newton steps.
 
     Args:

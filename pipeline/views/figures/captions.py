@@ -26,6 +26,8 @@ TASK_FIGURES: Mapping[str, str] = {
     "beyond the panel.",
 }
 EXPLORED_FIGURES: Mapping[str, str] = {
+    "predicted": "What the next person is predicted to do: for each feature the median and the interval of probability "
+    "0.9 under each model, and what people did (ticks).",
     "regions": "Where the samplers of the study draw, and what the choice space reaches, along the two features that "
     "weigh most: each sampler covers a part of its own.",
     "ten_posteriors": "The posterior of the first demonstration from each sampler's largest set, and from each "

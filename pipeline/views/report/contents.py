@@ -11,18 +11,32 @@ from typing import Any
 import polars as pl
 
 from pipeline import params
+from pipeline.answers.tables import answer_lines
 from pipeline.formats.duckdb.questions import CONTENTS, ask
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.studies.support import beyond, chance_notes, edge_sentence
 from pipeline.views.figures.captions import EXPLORED_FIGURES, STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
-from pipeline.views.report.html import Part, Picture, Points, Report, Section, Table, Text, Verbatim
+from pipeline.views.report.html import Answer, Part, Picture, Points, Report, Section, Table, Text, Verbatim
 from pipeline.views.task_summary import theta_labels, theta_meaning
 from pipeline.vocabulary import ALL, EXPLORED, INDEPENDENT, SAMPLER_SHIFT, STUDIES, WORKING, model_name
 from pipeline.workspace.project import Project
 
 LIBRARIES = ("mujoco", "numpy", "scipy", "finufft", "polars", "duckdb", "matplotlib")
 _HASH_DIGITS = 16
+WORDS = {
+    "alternative": "a trajectory that a person could have chosen instead",
+    "feature": "a number about a trajectory that people may care about, such as its height over the table",
+    "weight": "how much more probable a choice becomes with more of a feature: in nats over the feature's range among "
+    "the alternatives; a cost is negative",
+    "theta and beta": "the direction of the weights, and their length: what people want, and how decided they are",
+    "Boltzmann": "the model in which every alternative counts as one option",
+    "LESS": "the model in which an alternative counts by how few others are like it",
+    "posterior": "the probability of weights after the demonstrations were seen",
+    "KLAggregate": "how much posteriors from different sets of alternatives differ; 0 if they are the same",
+    "held out": "predicted from the other demonstrations",
+    "nat": "the unit of logarithms of probabilities; a difference of 2.3 is a factor of ten",
+}
 BEST = """select task, demonstration_id, participant, model, set_id, arg_max(theta_id, posterior) as theta_id
     from theta_marginals where shown group by all order by all"""
 HYPOTHESES = "select distinct task, theta_id, theta from posteriors order by task, theta_id"
@@ -51,16 +65,18 @@ def report(project: Project) -> Report:
     answers = _Answers(project)
     tasks = [name for name in project.params.tasks if name in answers.words]
     headline = {name: _metrics(project, name) for name in (*tasks, STUDIES)}
-    sections = [
+    sections = [Section("Answers", told)] if (told := _told(answers, tasks)) else []
+    sections += [
         Section("In short", [*_headline(tasks, headline), *_hypotheses(answers)]),
-        Section("What to be careful about", [Points(_warnings(project, answers, tasks))]),
         *(Section(f"Task: {name}", _task(project, answers, name), opens=True) for name in tasks),
+        Section("What to be careful about", [Points(_warnings(project, answers, tasks))]),
     ]
     if pictures := _pictures(project, STUDIES, STUDY_FIGURES):
         sections.append(Section("Studies", pictures, opens=True))
     sections += [
-        Section("Made with", _versions(project, answers, tasks), opens=True),
-        Section("Parameters", _parameters(project)),
+        Section("Words", [Points([f"{word}: {meaning}" for word, meaning in WORDS.items()])], folded=True),
+        Section("Made with", _versions(project, answers, tasks), folded=True),
+        Section("Parameters", _parameters(project), folded=True),
     ]
     made_by = f"lessbench {version('lessbench')}, MuJoCo {version('mujoco')}, seed {project.params.seed}"
     return Report(f"LESS Workbench: {', '.join(tasks) or 'nothing yet'}", made_by, sections)
@@ -93,9 +109,24 @@ class _Answers:
         return ask(self._catalog, question) if table in self._names else pl.DataFrame()
 
 
+def _told(answers: _Answers, tasks: Sequence[str]) -> list[Part]:
+    """The answer of each task, as `lessbench answer` says it."""
+    rows = answers("answers", "from answers order by task, place")
+    parts: list[Part] = []
+    for task in tasks:
+        mine = rows.filter(task=task) if rows.width else rows
+        if mine.height:
+            lines = answer_lines(mine)
+            (trust,) = mine.filter(kind="answer")["trust"]
+            place = lines.index(trust)
+            below = [line.strip() for line in lines]
+            parts.append(Answer(lines[0], below[1:place], trust, below[place + 1 :]))
+    return parts
+
+
 def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -> list[Part]:
     header = (
-        "task", "model", "what they want", "probability", "beta", "entropy (nat)", "held-out (nat)",
+        "task", "model", "what they want", "P(theta)", "beta", "entropy (nat)", "held-out (nat)",
         "KLAggregate, one sampler", "KLAggregate, different samplers",
     )  # fmt: skip
     rows = []
@@ -108,8 +139,9 @@ def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -
             spread = [divergence.get(regime) for regime in (INDEPENDENT, SAMPLER_SHIFT)]
             rows.append([task, model_name(model), *numbers, model_numbers.get("held_out"), *spread])
     caption = (
-        "What all demonstrations of a task together say: the most probable weights with their probability, the most "
-        "probable beta with them, the entropy of the posterior over weights, the mean log predictive probability of a "
+        "What all demonstrations of a task together say: the most probable weights with their probability whatever "
+        "beta is, the most probable beta with them, the entropy "
+        "of the posterior over weights, the mean log predictive probability of a "
         "demonstration given the others, and the median KLAggregate of single demonstrations with the largest sets "
         "(nats; lower is more robust)."
     )

@@ -27,6 +27,10 @@ nav { margin: 1rem 0; line-height: 2; }
 nav a { color: #0072b2; margin-right: 1.1rem; white-space: nowrap; }
 ul { padding-left: 1.2rem; max-width: 46rem; }
 li { margin: .3rem 0; }
+.answer { border-left: 4px solid #0072b2; padding: .1rem 0 .1rem 1rem; margin: 1rem 0; break-inside: avoid; }
+.answer .head { font-weight: 600; }
+.answer ul { margin: .2rem 0; }
+summary { cursor: pointer; color: #0072b2; }
 figure, .table { margin: 1.25rem 0; }
 figcaption, caption { color: #444; font-size: .9rem; text-align: left; max-width: 46rem; }
 figcaption { margin-top: .4rem; }
@@ -111,16 +115,33 @@ class Verbatim:
     words: str
 
 
-Part = Text | Points | Table | Picture | Verbatim
+@dataclass(frozen=True)
+class Answer:
+    """What people wanted, whether to trust it, and the lines below each."""
+
+    head: str
+    preferences: Sequence[str]
+    trust: str
+    reasons: Sequence[str]
+
+
+Part = Text | Points | Table | Picture | Verbatim | Answer
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the report with its title; `opens` says whether it starts on a new page when printed."""
+    """A part of the report with its title.
+
+    Attributes:
+        title, parts: of it.
+        opens: whether it starts on a new page when printed.
+        folded: whether it is shown once it is clicked at, and not printed otherwise.
+    """
 
     title: str
     parts: Sequence[Part]
     opens: bool = False
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -171,10 +192,12 @@ def _section(number: int, section: Section) -> str:
             pictures = []
         if part is not None:
             lines.append(_part(part))
+    if section.folded:
+        lines[2:] = ["<details>\n<summary>show</summary>", *lines[2:], "</details>"]
     return "\n".join([*lines, "</section>"])
 
 
-def _part(part: Text | Points | Table | Verbatim) -> str:
+def _part(part: Text | Points | Table | Verbatim | Answer) -> str:
     match part:
         case Text(words):
             return f"<p>{escape(words)}</p>"
@@ -184,6 +207,10 @@ def _part(part: Text | Points | Table | Verbatim) -> str:
             return _table(part)
         case Verbatim(words):
             return f"<pre>{escape(words)}</pre>"
+        case Answer(head, preferences, trust, reasons):
+            found = f'<p class="head">{escape(head)}</p>\n{_part(Points(preferences))}\n'
+            found += f'<p class="head">{escape(trust)}</p>\n{_part(Points(reasons)) if reasons else ""}'
+            return f'<div class="answer">\n{found}\n</div>'
 
 
 def _table(table: Table) -> str:
