@@ -76,6 +76,7 @@ class RecursiveLogit:
             raise ArgumentError("a path ends in a state that can be left; give each destination a state of its own.")
         self._states = int(max(self._sources.max(), self._targets.max(), paths.origins.max())) + 1
         self._ends, self._end_of_path = np.unique(paths.destinations, return_inverse=True)
+        self._at = (paths.origins, self._end_of_path)
         self._paths = paths
 
     def log_likelihoods(self, weights: ArrayLike) -> FloatArray:
@@ -97,12 +98,34 @@ class RecursiveLogit:
         checked = self._weights(weights)
         solver, values = self._solve(checked)
         gradients = self._paths.features.copy()
-        at = (self._paths.origins, self._end_of_path)
         for index, feature in enumerate(self._features.T):
             slopes, end_slopes = self._matrices(np.exp(self._features @ checked) * feature)
             derivative = solver.solve(np.asarray(slopes @ values + end_slopes.toarray()))
-            gradients[:, index] -= derivative[at] / values[at]
+            gradients[:, index] -= derivative[self._at] / values[self._at]
         return self._log_likelihoods(values, checked), gradients
+
+    def gradient(self, weights: ArrayLike, counts: ArrayLike) -> tuple[float, FloatArray]:
+        """The log likelihood and its derivatives (F,), by one more solve with the transpose instead of one a feature.
+
+        Args:
+            weights: (F,) per unit of each feature.
+            counts: (n,) how often each path counts.
+
+        Raises:
+            ArgumentError: as `log_likelihoods`.
+        """
+        checked, often = self._weights(weights), vector("counts", counts, len(self._paths.features))
+        solver, values = self._solve(checked)
+        pull = np.zeros_like(values)
+        np.add.at(pull, self._at, often / values[self._at])
+        pull = solver.solve(pull, trans="T")
+        shares = np.exp(self._features @ checked)  # becomes how often each step is expected in the paths
+        inner = ~np.isin(self._targets, self._ends)
+        sources, targets = self._sources[inner], self._targets[inner]
+        shares[inner] *= np.einsum("ad,ad->a", pull[sources], values[targets])
+        shares[~inner] *= pull[self._sources[~inner], np.searchsorted(self._ends, self._targets[~inner])]
+        total = float(often @ self._log_likelihoods(values, checked))
+        return total, often @ self._paths.features - shares @ self._features
 
     def estimate(self, start: ArrayLike, counts: ArrayLike | None = None) -> Estimate:
         """The weights of the greatest likelihood.
@@ -118,9 +141,11 @@ class RecursiveLogit:
         checked = self._weights(start)
         often = np.ones(len(self._paths.features)) if counts is None else vector("counts", counts)
         _, gradients = self.scores(checked)
+        # a little more than the covariance, so that a feature which never varies leaves it positive definite
+        curvature = _covariance(gradients, often) * often.sum() + 1e-9 * np.eye(len(checked))
         found: Any = optimize.minimize(
             self._objective, checked, args=(often,), jac=True, method="BFGS",
-            options={"hess_inv0": _covariance(gradients, often) * often.sum(), "gtol": 1e-6},
+            options={"hess_inv0": curvature, "gtol": 1e-5},
         )  # fmt: skip
         if np.abs(found.jac).max() > 1e-4:
             raise ArgumentError(f"the search stopped at the weights {found.x.tolist()} ({found.message}).")
@@ -130,10 +155,10 @@ class RecursiveLogit:
 
     def _objective(self, weights: FloatArray, counts: FloatArray) -> tuple[float, FloatArray]:
         try:
-            log_likelihoods, gradients = self.scores(weights)
+            value, gradient = self.gradient(weights, counts)
         except ArgumentError:  # the line search stepped to where the sum over paths is infinite
             return np.inf, np.zeros(len(weights))
-        return -float(counts @ log_likelihoods) / counts.sum(), -(counts @ gradients) / counts.sum()
+        return -value / counts.sum(), -gradient / counts.sum()
 
     def _weights(self, weights: ArrayLike) -> FloatArray:
         return vector("weights", weights, self._features.shape[1])
@@ -164,12 +189,12 @@ class RecursiveLogit:
             raise ArgumentError(_infinite(weights)) from None
         values = np.asarray(solver.solve(ends.toarray()))
         # A positive solution of z = M z + b exists exactly if the sum over all paths is finite (M is not negative).
-        if values.min() < -1e-9 * values.max() or not (values[self._paths.origins, self._end_of_path] > 0).all():
+        if values.min() < -1e-9 * values.max() or not (values[self._at] > 0).all():
             raise ArgumentError(_infinite(weights))
         return solver, values
 
     def _log_likelihoods(self, values: FloatArray, weights: FloatArray) -> FloatArray:
-        log_sums = np.log(values[self._paths.origins, self._end_of_path])
+        log_sums = np.log(values[self._at])
         return np.asarray(self._paths.features @ weights - log_sums)
 
 

@@ -1,4 +1,4 @@
-"""Commands that turn other people's files into recordings."""
+"""Commands that turn other people's files into recordings or tables."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.grouping import Commands, ExplainedGroup
+from pipeline.cli.shared import this_project
 from pipeline.terminal import say
 
-commands = Commands(
-    cls=ExplainedGroup, no_args_is_help=True, help="Turn published demonstrations into MCAP recordings."
-)
+commands = Commands(cls=ExplainedGroup, no_args_is_help=True, help="Take in data that others publish.")
 
 
 @commands.command("ferl")
@@ -37,3 +36,16 @@ def import_ferl(
     written = import_ferl(file, out, [name.strip() for name in joints.split(",")], topic, rate_hz)
     for path in written:
         say(str(path))
+
+
+@commands.command("trips")
+def import_trips(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with the four files of the trips.")],
+) -> None:
+    """Read a road network and trips in it (sparse text matrices of RecursiveLogit.Classical.V2) into tables.
+
+    Then `lessbench study trips` compares models of choice on them. Example: `lessbench import trips Input`
+    """
+    from pipeline.commands.import_trips import run
+
+    run(this_project(), folder)

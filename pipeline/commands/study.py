@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pipeline.errors import ParameterError, one_of
-from pipeline.stages.registry import STAGES
+from pipeline.stages.registry import BY_COMMAND, STAGES
 from pipeline.workspace.project import Project
 
 COMMAND = "study "
-STUDIES = {stage.command.removeprefix(COMMAND): stage for stage in STAGES if stage.command.startswith(COMMAND)}
+STUDIES = {
+    stage.command.removeprefix(COMMAND): stage for stage in (*STAGES, *BY_COMMAND) if stage.command.startswith(COMMAND)
+}
 
 
 def run(project: Project, name: str, task: str | None) -> None:

@@ -260,6 +260,19 @@ STAGES = (
         outputs=("datasets/report.html",),
     ),
 )  # fmt: skip
+BY_COMMAND = (
+    Stage(
+        "import-trips", Scope.STUDIES, "import trips", "pipeline.commands.import_trips",
+        makes=("trips_network", "trips_observed"),
+    ),
+    Stage(
+        "trips", Scope.STUDIES, "study trips", "pipeline.stages.trips",
+        parameters=("seed",),
+        reads=("trips_network", "trips_observed"),
+        makes=("trips_exact", "trips_estimates", "trips_held_out", "trips_scores", "trips_angles"),
+    ),
+)  # fmt: skip
+"""What DVC does not run, because the project does not have the data. The catalog takes the tables that are there."""
 # parameters that may be left out; DVC cannot wait for what is not there, and then waits for the whole task instead
 OPTIONAL_SECTIONS = ("explore",)  # of params.yaml; a stage waits for one only if it is there
 OPTIONAL = ("tasks.{task}.joints", "tasks.{task}.joint_names")
@@ -278,7 +291,7 @@ def stage(name: str) -> Stage:
     Raises:
         KeyError: there is none.
     """
-    return {one.name: one for one in STAGES}[name]
+    return {one.name: one for one in (*STAGES, *BY_COMMAND)}[name]
 
 
 def parameters(name: str, task: str = "") -> tuple[str, ...]:
@@ -288,4 +301,4 @@ def parameters(name: str, task: str = "") -> tuple[str, ...]:
 
 def table_makers(task: str) -> dict[str, Stage]:
     """Which stage makes each table of a task, or of `studies`, in the order in which they are made."""
-    return {table: one for one in STAGES if one.per_task != (task == STUDIES) for table in one.makes}
+    return {table: one for one in (*STAGES, *BY_COMMAND) if one.per_task != (task == STUDIES) for table in one.makes}

@@ -53,6 +53,10 @@ def test_derivatives_are_those_of_small_differences(some: Paths) -> None:
     for index, step in enumerate(1e-6 * np.eye(2)):
         slope = (logit.log_likelihoods(WEIGHTS + step) - logit.log_likelihoods(WEIGHTS - step)) / 2e-6
         np.testing.assert_allclose(gradients[:, index], slope, atol=1e-8)
+    often = np.array([3.0, 0.0, 1.0, 2.0, 1.0])
+    value, gradient = logit.gradient(WEIGHTS, often)
+    assert value == pytest.approx(often @ logit.log_likelihoods(WEIGHTS))
+    np.testing.assert_allclose(gradient, often @ gradients, atol=1e-12)
 
 
 def test_estimate_has_no_slope_and_counting_is_the_same_as_repeating(some: Paths) -> None:

@@ -1,0 +1,1 @@
+"""Trips in a road network, as sparse text matrices."""
