@@ -269,7 +269,11 @@ BY_COMMAND = (
         "trips", Scope.STUDIES, "study trips", "pipeline.stages.trips",
         parameters=("seed",),
         reads=("trips_network", "trips_observed"),
-        makes=("trips_exact", "trips_estimates", "trips_held_out", "trips_scores", "trips_angles"),
+        makes=(
+            "trips_exact", "trips_estimates", "trips_held_out", "trips_scores", "trips_angles", "trips_routes",
+            "trips_route_links", "trips_map",
+        ),
+        outputs=("datasets/studies/trips_figures",),
     ),
 )  # fmt: skip
 """What DVC does not run, because the project does not have the data. The catalog takes the tables that are there."""

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pipeline.errors import StageError
+from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.parquet.tables import read_table, write_table
 from pipeline.stages.registry import parameters, stage
 from pipeline.studies.trips.roads import Roads
 from pipeline.studies.trips.study import run_trips
+from pipeline.studies.trips.town_map import town_map
+from pipeline.views.figures.style import write_figure
+from pipeline.views.figures.trips import routes_figure, samplers_figure, scores_figure
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 
 
 def run(project: Project) -> None:
-    """Write the tables of the study.
+    """Write the tables of the study and its figures.
 
     Raises:
         StageError: no trips were imported.
@@ -22,10 +26,16 @@ def run(project: Project) -> None:
     inputs = [project.table(STUDIES, name) for name in stage("trips").reads]
     if missing := next((path for path in inputs if not path.is_file()), None):
         raise StageError(f"{missing}: there is no such table; import trips with `lessbench import trips FOLDER`")
-    with recorded_run(project, "trips", STUDIES) as record:
+    figures = project.path(stage("trips").outputs[0])
+    with recorded_run(project, "trips", STUDIES, (figures,)) as record:
         network, observed = (read_table(path, path.stem) for path in inputs)
         study = run_trips(Roads.of(network, observed), project.params.seed)
         stated = provenance(project, parameters("trips"), inputs)
-        for name, table in vars(study).items():
+        town = town_map(network)
+        for name, table in (vars(study) | {"map": town}).items():
             write_table(project.table(STUDIES, f"trips_{name}"), f"trips_{name}", table, stated)
+        with folder_written_whole(figures) as folder:
+            write_figure(folder, "scores", scores_figure(study.scores))
+            write_figure(folder, "samplers", samplers_figure(study.angles))
+            write_figure(folder, "routes", routes_figure(town, study.routes, study.route_links))
         record.produced = f"{study.estimates.height} estimates, {study.held_out.height:,} held-out scores"

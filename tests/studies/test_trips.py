@@ -32,7 +32,8 @@ from tests.support.small_roads import write_small_roads
 
 # Two paths that share a link, and one apart from them.
 LINKS = sparse.csr_array(np.array([[1.0, 1, 0, 0], [1, 0, 1, 0], [0, 0, 0, 1]]))
-PATHS = PathSet(np.array([[0.0], [0.0], [9.0]]), LINKS, np.log([0.2, 0.1, 0.01]), np.array([3, 1, 1]), 0)
+STEPS = np.zeros((3, 1), dtype=np.intp)
+PATHS = PathSet(STEPS, np.array([[0.0], [0.0], [9.0]]), LINKS, np.log([0.2, 0.1, 0.01]), np.array([3, 1, 1]), 0)
 KERNELS = Kernels(np.array([1.0]), 0.1)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -66,8 +66,8 @@ def draw_all(roads: Roads, size: int, sampling: int, seed: int) -> dict[str, Dra
     """
     kernels = pilot(roads, size, sampling, seed)
     rows: dict[str, dict[int, _Part]] = {name: {} for name in SAMPLERS}
-    for index, sets in _trips(roads, size, sampling, seed, 1):
-        pool = _pool(sets)
+    for index, sets in drawn_sets(roads, size, sampling, seed, _by_destination(roads)):
+        pool = pooled(sets)
         for name, paths in sets.items():
             own = {model: own_feature(model, paths) for model in OWN_FEATURE}
             rows[name][index] = (paths.features, own, {m: log_weights(m, paths, pool, kernels) for m in BY_SET})
@@ -79,8 +79,8 @@ def pilot(roads: Roads, size: int, sampling: int, seed: int) -> Kernels:
 
     The scale is the spread within trips, the bandwidth the median of those that leave-one-out selects for each trip.
     """
-    every = max(len(roads.trips) // PILOT, 1)
-    pools = [_some(_pool(sets)) for _, sets in _trips(roads, size, sampling, seed, every)]
+    some = _by_destination(roads)[:: max(len(roads.trips) // PILOT, 1)]
+    pools = [_some(pooled(sets)) for _, sets in drawn_sets(roads, size, sampling, seed, some)]
     scale = within_spread(np.concatenate(pools), np.array([len(pool) for pool in pools]))
     bandwidths = []
     for pool in pools:
@@ -91,10 +91,15 @@ def pilot(roads: Roads, size: int, sampling: int, seed: int) -> Kernels:
     return Kernels(scale, float(np.median(bandwidths)) if bandwidths else 1.0)
 
 
-def _trips(roads: Roads, size: int, sampling: int, seed: int, every: int) -> Iterator[tuple[int, dict[str, PathSet]]]:
-    """What each sampler draws for some trips, one in `every`; trips to the same destination share its probabilities."""
+def drawn_sets(
+    roads: Roads, size: int, sampling: int, seed: int, trips: Sequence[int]
+) -> Iterator[tuple[int, dict[str, PathSet]]]:
+    """What each sampler draws for some trips, given by their places in `roads`.
+
+    Trips that follow one another to the same destination share the probabilities of its steps.
+    """
     known: dict[int, dict[str, FloatArray]] = {}
-    for index in np.argsort(roads.destinations, kind="stable")[::every].tolist():
+    for index in trips:
         end = int(roads.destinations[index])
         if end not in known:
             known = {end: {name: step_log_probabilities(roads, one, end) for name, one in SAMPLERS.items()}}
@@ -102,10 +107,14 @@ def _trips(roads: Roads, size: int, sampling: int, seed: int, every: int) -> Ite
         yield index, {n: draw(roads, index, known[end][n], size, seed, labels[n]) for n in SAMPLERS}
 
 
-def _pool(sets: Mapping[str, PathSet]) -> FloatArray:
+def pooled(sets: Mapping[str, PathSet]) -> FloatArray:
     """(P, 4) features of all sets together; the path that was taken, which is in each of them, stands once."""
     taken = next(iter(sets.values())).features[:1]
     return np.concatenate([taken, *(paths.features[1:] for paths in sets.values())])
+
+
+def _by_destination(roads: Roads) -> list[int]:
+    return [int(index) for index in np.argsort(roads.destinations, kind="stable")]
 
 
 def _some(pool: FloatArray) -> FloatArray:

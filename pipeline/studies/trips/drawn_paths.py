@@ -39,6 +39,7 @@ class PathSet:
     """Distinct paths of one trip.
 
     Attributes:
+        steps: (N, T) numbers of the steps, in order; `END` after the last one.
         features: (N, 4) totals over each path.
         links: (N, E) how often each path enters each link.
         log_q: (N,) log probability that one draw of the sampler is this path.
@@ -46,6 +47,7 @@ class PathSet:
         chosen: row of the path that was taken.
     """
 
+    steps: IndexArray
     features: FloatArray
     links: sparse.csr_array
     log_q: FloatArray
@@ -80,7 +82,7 @@ def draw(roads: Roads, index: int, log_p: FloatArray, count: int, seed: int, lab
     order = np.argsort(rows)  # the path taken first
     rows, drawn = rows[order], drawn[order]
     links = _links(roads, steps[rows])
-    return PathSet(_totals(roads, steps[rows]), links, log_q[rows], drawn.astype(np.int64), 0)
+    return PathSet(steps[rows], _totals(roads, steps[rows]), links, log_q[rows], drawn.astype(np.int64), 0)
 
 
 def _labels(steps: IndexArray) -> IndexArray:

@@ -15,6 +15,7 @@ from pipeline.choice.recursive_logit import RecursiveLogit
 from pipeline.errors import ArgumentError
 from pipeline.studies.trips.choices import Drawn, draw_all
 from pipeline.studies.trips.drawn_paths import SAMPLERS
+from pipeline.studies.trips.examples import example_routes
 from pipeline.studies.trips.path_models import BOLTZMANN_CORRECTED, BY_SET, OWN_FEATURE, RECURSIVE_LOGIT
 from pipeline.studies.trips.roads import FEATURES, Roads
 from pipeline.trajectories.random_streams import child_rng
@@ -22,6 +23,7 @@ from pipeline.trajectories.random_streams import child_rng
 SAMPLINGS: Mapping[int, int] = MappingProxyType({10: 3, 30: 3, 100: 2, 300: 2, 1000: 1})
 """How many samplings there are of sets of each size."""
 FOLDS = 5
+SHOWN_SIZE = 100  # about how large the sets are whose routes are shown
 START = (-2.0, -1.0, -1.0, -4.0)  # a place at which the sum over all paths is finite
 PUBLISHED = (-2.494, -0.933, -0.411, -4.459)
 """Weights that Fosgerau, Frejinger and Karlstrom (2013) print for this network, in the order of `FEATURES`."""
@@ -29,13 +31,15 @@ PUBLISHED = (-2.494, -0.933, -0.411, -4.459)
 
 @dataclass(frozen=True)
 class TripsStudy:
-    """The tables trips_exact, trips_estimates, trips_held_out, trips_scores and trips_angles."""
+    """The tables of the study; each is called `trips_` and the name of the field."""
 
     exact: pl.DataFrame
     estimates: pl.DataFrame
     held_out: pl.DataFrame
     scores: pl.DataFrame
     angles: pl.DataFrame
+    routes: pl.DataFrame
+    route_links: pl.DataFrame
 
 
 def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS) -> TripsStudy:
@@ -65,6 +69,7 @@ def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS)
                 known = _scores(drawn, BOLTZMANN_CORRECTED, exact_folds, folds)
                 held_out.append(_by_trip(roads, about, RECURSIVE_LOGIT, known))
     by_trip, table = pl.concat(held_out), pl.DataFrame(estimates)
+    shown = min(samplings, key=lambda size: abs(size - SHOWN_SIZE))
     published = logit.log_likelihoods(PUBLISHED)
     return TripsStudy(
         pl.DataFrame(
@@ -81,6 +86,7 @@ def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS)
         by_trip,
         summed_up(by_trip),
         angles_between_samplers(table),
+        *example_routes(roads, seed, table, exact.weights, shown),
     )
 
 
