@@ -27,6 +27,7 @@ from pipeline.studies.trips.path_models import (
 )
 from pipeline.studies.trips.roads import Roads
 from pipeline.studies.trips.study import PUBLISHED, folds_of, run_trips, summed_up
+from pipeline.studies.trips.town_map import town_map
 from pipeline.workspace.project import Project
 from tests.support.small_roads import write_small_roads
 
@@ -85,7 +86,7 @@ def test_the_study_has_a_row_for_everything_and_is_the_same_again(roads: Roads) 
     study = run_trips(roads, 3, {8: 2})
     count = len(BY_SET) * len(SAMPLERS) * 2
     assert study.estimates.height == count
-    assert study.held_out.height == (count + len(SAMPLERS) * 2) * 60
+    assert study.held_out.height == (count + len(SAMPLERS) * 2) * 40
     assert study.scores.height == (len(BY_SET) + 1) * len(SAMPLERS)
     assert study.held_out["log_predictive"].max() <= 0
     again = run_trips(roads, 3, {8: 2})
@@ -118,3 +119,22 @@ def test_the_exact_likelihood_of_the_published_weights(shared: Path) -> None:
     value, gradient = Roads.of(read.network, read.observed).recursive_logit().gradient(PUBLISHED, np.ones(1832))
     assert value == pytest.approx(-6302.93, rel=1e-6)
     assert np.abs(gradient).max() < 5
+
+
+def test_the_map_of_a_square_is_a_square() -> None:
+    """Four links of one minute round a block, with a turn to the left by a right angle after each."""
+    rows = [(number, number % 4 + 1, 1.0, 1, -np.pi / 2) for number in range(1, 5)]
+    columns = ["from_link", "to_link", "travel_time", "link", "turn_angle"]
+    town = town_map(pl.DataFrame(rows, schema=columns, orient="row"))
+    ends = town.select("end_x", "end_y").to_numpy()
+    np.testing.assert_allclose(np.linalg.norm(ends - np.roll(ends, 1, axis=0), axis=1), 1, atol=1e-3)
+    np.testing.assert_allclose(np.linalg.norm(ends - np.roll(ends, 2, axis=0), axis=1), np.sqrt(2), atol=1e-3)
+    np.testing.assert_allclose(town.select("start_x", "start_y").to_numpy(), np.roll(ends, 1, axis=0), atol=1e-3)
+
+
+def test_shares_of_shown_routes_add_up_to_one_but_among_all_paths_to_less(roads: Roads) -> None:
+    study = run_trips(roads, 3, {5: 1})
+    sums = study.routes.group_by("trip", "model").agg(pl.col("share").sum())
+    np.testing.assert_allclose(sums.filter(pl.col("model") != "recursive-logit")["share"], 1)
+    assert (sums.filter(model="recursive-logit")["share"] < 1).all()
+    assert set(study.routes["route"]) == set(study.route_links["route"])

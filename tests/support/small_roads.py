@@ -14,7 +14,7 @@ TIMES_MIN = [1.0, 1.5, 0.5, 1.0, 0.5, 0.3, 0.0, 0.0, 0.0]
 ANGLES_RAD = [-1.0, 0.5, 3.14159, 0.2, 3.14159, -1.2, 0.0, 0.0, 0.0]
 
 
-def write_small_roads(folder: Path, trips: int = 60) -> Path:
+def write_small_roads(folder: Path, trips: int = 40) -> Path:
     """Write the files; half of the trips go to 5 and half to 6."""
     folder.mkdir(exist_ok=True)
     _write(folder / STEPS, [(*move, 1) for move in MOVES])

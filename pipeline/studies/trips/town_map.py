@@ -2,7 +2,8 @@
 
 The heading of each link follows from the turn angles: it is the leading eigenvector of the turns written as complex
 numbers. The ends of the links follow by least squares, if each link is as long as it takes time, and short links count
-more. So the map is true in its angles, and stretched where one drives slowly.
+more. A link begins in the middle of the ends of those that lead to it. So the map is true in its angles, and stretched
+where one drives slowly.
 
 Source: Singer (2011), Angular synchronization by eigenvectors and semidefinite programming.
 """
@@ -37,9 +38,11 @@ def town_map(network: pl.DataFrame) -> pl.DataFrame:
     )
     wanted = weights @ (time * heading[entered])
     x, y = (linalg.lsqr(differences, part, atol=1e-8, btol=1e-8)[0] for part in (wanted.real, wanted.imag))
-    times = np.zeros(count)
-    times[entered] = time
-    begin = x + 1j * y - times * heading
+    ends = x + 1j * y
+    before = np.bincount(entered, minlength=count)
+    with np.errstate(invalid="ignore"):  # a link that none leads to has no such middle
+        begin = (np.bincount(entered, x[left], count) + 1j * np.bincount(entered, y[left], count)) / before
+    begin = np.where(before > 0, begin, ends - heading * time.mean())
     return pl.DataFrame(
         {"link": links, "start_x": begin.real, "start_y": begin.imag, "end_x": x, "end_y": y}
     ).with_columns(pl.exclude("link").round(4) + 0.0)

@@ -118,7 +118,7 @@ def routes_figure(town: pl.DataFrame, routes: pl.DataFrame, links: pl.DataFrame)
             shares = routes.filter(trip=trip, model=model)
             _routes(ax, town, drawn, shares)
             taken = shares.filter(route=0)["share"][0]
-            ax.set_title(f"trip {trip}, {_short(model)}\nroute taken: {taken:.1%}")
+            ax.set_title(f"trip {trip}, {_short(model)}\nroute taken: {100 * taken:.2g} %")
     return figure
 
 
@@ -148,6 +148,7 @@ def _routes(ax: Axes, town: pl.DataFrame, drawn: pl.DataFrame, shares: pl.DataFr
     ax.set_aspect("equal")
     ax.set_xticks([])
     ax.set_yticks([])
+    ax.spines[:].set_visible(False)
 
 
 def _lines(links: pl.DataFrame) -> np.ndarray:

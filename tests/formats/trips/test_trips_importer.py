@@ -23,8 +23,8 @@ def test_steps_have_their_features_and_trips_their_links_in_order(folder: Path) 
     assert read.network["left_turn"].to_list() == [1, 0, 0, 0, 0, 1, 0, 0, 0]
     assert read.network["u_turn"].to_list() == [0, 0, 1, 0, 1, 0, 0, 0, 0]
     assert read.network["link"].to_list() == [1] * 6 + [0] * 3
-    assert read.observed["trip"].n_unique() == 60
-    assert read.observed.filter(place=1)["link"].to_list() == [1] * 60
+    assert read.observed["trip"].n_unique() == 40
+    assert read.observed.filter(place=1)["link"].to_list() == [1] * 40
 
 
 def test_the_order_of_lines_changes_nothing(folder: Path) -> None:
