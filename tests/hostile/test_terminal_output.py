@@ -85,6 +85,7 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("inspect-project",): [["."], [EVIL]],
     ("trust",): [["."], [EVIL]],
     ("survey",): [["--study", EVIL], ["--choices", f"{EVIL}/c.csv"], ["--words", EVIL], ["--bind", EVIL]],
+    ("import", "trips"): [[EVIL]],
     ("import", "ferl"): [[EVIL, "out", "--joints", "a"], [f"{FILE}.xml", "out", "--joints", EVIL]],
 }  # fmt: skip
 

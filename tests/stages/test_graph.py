@@ -14,7 +14,17 @@ import schemas
 from pipeline.cli import app
 from pipeline.params import load, value_at
 from pipeline.stages.dvc_yaml import FOREACH, MOST, NEUTRAL, WIDTH, code_of, dvc_yaml
-from pipeline.stages.registry import OPTIONAL, STAGES, UNDECLARED, Scope, Stage, parameters, stage, table_makers
+from pipeline.stages.registry import (
+    BY_COMMAND,
+    OPTIONAL,
+    STAGES,
+    UNDECLARED,
+    Scope,
+    Stage,
+    parameters,
+    stage,
+    table_makers,
+)
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.project import table_path
 
@@ -42,8 +52,10 @@ def test_dvc_yaml_is_that_of_the_registry_and_can_be_read() -> None:
 def test_every_module_is_of_one_stage_and_every_table_is_made_by_one() -> None:
     modules = {f"pipeline.stages.{path.stem}" for path in (ROOT / "pipeline" / "stages").glob("*.py")}
     helpers = {f"pipeline.stages.{name}" for name in ("__init__", "registry", "dvc_yaml")}
-    assert sorted(one.module for one in STAGES) == sorted(modules - helpers)
-    made = [table for one in STAGES for table in one.makes]
+    every = (*STAGES, *BY_COMMAND)
+    found = [one.module for one in every if one.module.startswith("pipeline.stages.")]
+    assert sorted(found) == sorted(modules - helpers)
+    made = [table for one in every for table in one.makes]
     assert sorted(made) == sorted(schemas.names())
     assert [*table_makers("a task"), *table_makers(STUDIES)] == made
 

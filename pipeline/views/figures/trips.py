@@ -92,10 +92,10 @@ def samplers_figure(angles: pl.DataFrame) -> Figure:
                     label=MODELS[model],
                 )  # fmt: skip
         ax.set_xscale("log")
-        ax.set_ylim(0, None)
         ax.set_title(f"{one} and {other}")
         ax.set_xlabel("paths drawn for each trip")
         ax.grid(axis="y")
+    axes[0].set_ylim(0, 1.05 * np.max(angles["angle_deg"].to_numpy()))
     axes[0].set_ylabel("angle between the weights (degrees)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
