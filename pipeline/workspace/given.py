@@ -85,7 +85,7 @@ def read_given(path: Path, scene: Scene, waypoints: int) -> Given:
         StageError: the file cannot be read, its trajectories have another shape or are not finite, or most of them are
             beyond the joints' limits.
     """
-    with foreign_arrays(path, COLUMN, NAMED_BY) as column:
+    with foreign_arrays(path, COLUMN, NAMED_BY, waypoints * len(scene.joints)) as column:
         paths = _shaped(column, waypoints, scene.joints)
     turned, within, notes = _judged(path, paths, scene)
     reference = turned[0, 0] if scene.start is None else scene.start

@@ -98,6 +98,15 @@ def test_what_is_no_trajectory_of_the_arm_is_refused_naming_the_row(tmp_path: Pa
         read_given(saved(tmp_path / "given.parquet", change(bows())), scene, T)
 
 
+def test_rows_of_endless_zeros_are_refused_before_they_are_decoded(tmp_path: Path, scene: Scene) -> None:
+    zeros = pl.Series([np.zeros(72_000)] * 400, dtype=pl.List(pl.Float64))
+    pl.DataFrame({"waypoints": zeros}).write_parquet(tmp_path / "given.parquet")
+    assert (tmp_path / "given.parquet").stat().st_size < 100_000
+    said = r"says that its 400 rows hold 28,800,000 numbers, and rows of 45 are needed, which would be 18,000"
+    with pytest.raises(StageError, match=said):
+        read_given(tmp_path / "given.parquet", scene, T)
+
+
 def test_joints_are_unwrapped_and_limited_ones_turned_back(tmp_path: Path, scene: Scene) -> None:
     paths = bows()
     wrapped = paths.copy()

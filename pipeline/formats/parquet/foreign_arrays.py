@@ -32,6 +32,7 @@ MOST_NUMBERS = 300_000_000  # 2.4 GB as float64
 MOST_ROWS = 10_000_000
 MOST_COLUMNS, MOST_GROUPS = 10_000, 100_000
 _AT_ONCE = 4_096  # rows that are decoded together
+_FEW_NUMBERS = 2_000_000  # are decoded whatever their rows are like, so that the row can be named
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +81,14 @@ class ForeignArrays:
 
 
 @contextmanager
-def foreign_arrays(path: Path, column: str, named_by: str) -> Iterator[ForeignArrays]:
+def foreign_arrays(path: Path, column: str, named_by: str, each: int | None = None) -> Iterator[ForeignArrays]:
     """Open the file; when it is closed, it must still be what was opened.
 
     Args:
         path: of the file.
         column: its name.
         named_by: the parameter that names the file, for messages.
+        each: how many numbers a row should have; a large file with more is refused before they are decoded.
 
     Raises:
         StageError: the file is missing, is none that can be read, has no such column or one of something else than
@@ -100,7 +102,7 @@ def foreign_arrays(path: Path, column: str, named_by: str) -> Iterator[ForeignAr
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
         stream.seek(0)
         with _one_sentence(path), pq.ParquetFile(pa.PythonFile(stream, mode="r")) as file:
-            _check(path, file, column, named_by, stream.fileno())
+            _check(path, file, column, named_by, stream.fileno(), each)
             yield ForeignArrays(path, file, column, digest)
         if _state(stream) != before:
             raise StageError(f"{path}: was changed while it was read; run it again once it is complete")
@@ -141,7 +143,7 @@ def _state(stream: BufferedReader) -> tuple[int, ...]:
     return about.st_size, about.st_mtime_ns
 
 
-def _check(path: Path, file: pq.ParquetFile, column: str, named_by: str, descriptor: int) -> None:
+def _check(path: Path, file: pq.ParquetFile, column: str, named_by: str, descriptor: int, each: int | None) -> None:
     """What the end of the file says, before any value is decoded."""
     about = file.metadata
     if about.num_columns > MOST_COLUMNS or about.num_row_groups > MOST_GROUPS:
@@ -161,6 +163,11 @@ def _check(path: Path, file: pq.ParquetFile, column: str, named_by: str, descrip
     stated = measured(descriptor, column)
     if stated is None:
         raise StageError(f"{path}: cannot be read as Parquet (its end is damaged); {named_by} names the file")
+    if each is not None and stated.numbers > max(_FEW_NUMBERS, about.num_rows * each):
+        raise StageError(
+            f"{path}: says that its {about.num_rows:,} rows hold {stated.numbers:,} numbers, and rows of {each} are "
+            f"needed, which would be {about.num_rows * each:,}"
+        )
     if about.num_rows > MOST_ROWS or stated.numbers > MOST_NUMBERS or stated.size > 16 * MOST_NUMBERS:
         raise StageError(
             f"{path}: says that it holds {about.num_rows:,} rows with {stated.numbers:,} numbers in {stated.size:,} "
