@@ -55,7 +55,8 @@ def main() -> None:
     expect(len(report) < 10_000_000 and report.count("<figure") > 30, "a report with all figures under 10 MB")
     expect("are out of date" not in report, "a report of what is there now")
     known = set(ask(project.catalog, "select table_name from duckdb_tables()")["table_name"])
-    expect(known | by_command == {*schemas.names(), FILES, INPUTS}, "a catalog of the tables with a schema and their files")
+    wanted = {*schemas.names(), FILES, INPUTS}
+    expect(known | by_command == wanted, "a catalog of the tables with a schema and their files")
     expect(ask(project.catalog, "from outdated").is_empty(), "tables made from those that are there")
     print("all outputs are there and sound")
 
