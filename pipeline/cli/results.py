@@ -14,7 +14,7 @@ from pipeline.cli.grouping import ASK, LOOK, TRUST, Commands
 from pipeline.cli.shared import AsJson, Bind, IsLive, Port, TaskName, TaskOrStudies, tasks, this_project
 from pipeline.commands.sql.answers import MOST_ROWS, ROWS_ELSEWHERE, ROWS_ON_TERMINAL, Format
 from pipeline.terminal import say, say_json
-from pipeline.vocabulary import STUDIES
+from pipeline.vocabulary import LESS, STUDIES
 
 commands = Commands()
 
@@ -92,7 +92,7 @@ def plan(
     person: Annotated[
         str | None, typer.Option("--for", metavar="PERSON", help="For one of the participants (default: someone new).")
     ] = None,
-    model: Annotated[str, typer.Option(help="Whose weights: less or boltzmann.")] = "less",
+    model: Annotated[str, typer.Option(help="Whose weights: less or boltzmann.")] = LESS,
     contacts: Annotated[
         bool, typer.Option("--contacts/--no-contacts", help="Whether the arm must touch nothing, by MuJoCo's contacts.")
     ] = True,

@@ -53,7 +53,7 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
         tables.check()
         chosen = read_choices(tables)
     own = chosen.sets[TASK_ANCHOR]
-    models: Mapping[str, Model] = {"less": LESS(own.bandwidth), "boltzmann": Boltzmann()}
+    models: Mapping[str, Model] = {LESS.name: LESS(own.bandwidth), Boltzmann.name: Boltzmann()}
     count = wanted.demonstrations or len(chosen.people)
     rng = child_rng(project.params.seed, "calibrate", count)
     found = calibrate(rng, dict(models), own.raw / chosen.scale, count, wanted.repetitions)

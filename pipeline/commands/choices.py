@@ -9,8 +9,9 @@ import polars as pl
 from pipeline.stages.human_choice import read_choices
 from pipeline.studies.human_choice import analyse_choices, counted
 from pipeline.studies.model_evidence import evidence
+from pipeline.vocabulary import BOLTZMANN, LESS, model_name
 
-NAMES = {"boltzmann": "Boltzmann", "less": "LESS"}
+NAMES = {model: model_name(model) for model in (BOLTZMANN, LESS)}
 ALPHA, POWER = 0.05, 0.8
 
 

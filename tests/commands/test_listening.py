@@ -20,10 +20,11 @@ LISTENING = {
     "view": "test_listening.py: test_the_viewer_listens_on_the_loopback_address_alone",
     "infer": "test_serve.py: test_a_recording_is_served_here_only_and_saved",
     "inspect": "test_serve.py: test_a_recording_is_served_here_only_and_saved",
+    "survey": "test_survey.py: test_it_listens_here_alone_and_ends_when_told_to",
     "watch": "test_watch.py: test_it_serves_while_it_watches_and_keeps_what_it_has_when_told_to_end",
 }
 # Every module that opens a socket to listen on, or starts a program that does.
-OPENING = {"pipeline/views/rerun/recording.py", "pipeline/views/rerun/server.py"}
+OPENING = {"pipeline/views/rerun/recording.py", "pipeline/views/rerun/server.py", "pipeline/survey/server.py"}
 
 
 def test_every_command_that_listens_is_named_and_its_test_is_there() -> None:

@@ -95,7 +95,9 @@ def test_a_missing_field_is_named(document: dict[str, Any]) -> None:
 
 
 def test_a_task_that_is_not_there_lists_those_that_are() -> None:
-    with pytest.raises(ParameterError, match=r"no task 'tabel' in params\.yaml; there are human, laptop, table"):
+    with pytest.raises(
+        ParameterError, match=r"no task 'tabel' in params\.yaml \(did you mean 'table'\?\); there are human"
+    ):
         load(SHIPPED).task("tabel")
 
 

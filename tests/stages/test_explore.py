@@ -166,7 +166,7 @@ def test_what_is_not_explored_is_said_in_the_table_and_on_the_terminal(
 def test_a_project_without_the_section_has_its_defaults(make_project: Make, parameters: dict[str, Any]) -> None:
     del parameters["explore"]
     params = make_project(parameters).params
-    assert (params.explore.explorations, params.explore.evaluations) == (2, 500_000)
+    assert (params.explore.explorations, params.explore.evaluations) == (2, 250_000)
     from pipeline.stages.dvc_yaml import dvc_yaml
 
     listed = dvc_yaml(params).split("  explore:\n")[1].split("deps:")[0]

@@ -23,6 +23,7 @@ from pipeline.stages.ingest import Found, collect
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.workspace.demonstrations import Intake
 from tests.support.gantry_project import GANTRY
+from tests.support.joint_bags import ROS1_SCHEMA
 from tests.support.recorded_motions import (
     GOAL,
     NAMES,
@@ -497,7 +498,7 @@ def _(_rng: np.random.Generator, r: Recorded, folder: Path) -> None:
         writer.start("ros1", "test")
         writer.add_metadata("demonstration", dict(r.metadata))
         channel = writer.register_channel(
-            TOPIC, "ros1", writer.register_schema("sensor_msgs/JointState", "ros1msg", b"")
+            TOPIC, "ros1", writer.register_schema("sensor_msgs/JointState", "ros1msg", ROS1_SCHEMA)
         )
         for number, (row, at, log) in enumerate(zip(r.positions, r.header_ns.tolist(), r.log_ns.tolist(), strict=True)):
             names = b"".join(struct.pack("<I", len(name)) + name.encode() for name in NAMES)

@@ -19,6 +19,7 @@ from pipeline.replay.kinds import own
 from pipeline.replay.kinds.register import KINDS
 from pipeline.stages import featurize, ingest, sample
 from pipeline.stages.dvc_yaml import dvc_yaml
+from pipeline.stages.registry import STAGES
 from pipeline.workspace.project import Project
 from pipeline.workspace.trust import trust, trusted_files
 
@@ -148,7 +149,7 @@ def test_what_is_missing_or_damaged_is_said(project: Project, tmp_path: Path) ->
 def test_dvc_must_see_the_file(project: Project, parameters: dict[str, Any]) -> None:
     trust(project)
     text = dvc_yaml(parse(parameters))
-    assert len(re.findall(LISTED, text)) == 5  # simulate, sample, featurize, shift, robustness
+    assert len(re.findall(LISTED, text)) == sum(stage.features for stage in STAGES) == 6
     (project.root / "dvc.yaml").write_text(text)
     assert files(project)
     (project.root / "dvc.yaml").write_text(re.sub(LISTED, "[other.py,", text))
