@@ -16,7 +16,9 @@ commands = Commands(cls=ExplainedGroup, no_args_is_help=True, help="Take in data
 
 @commands.command("ferl")
 def import_ferl(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A pickle of the FERL or jaco_learning repository.")],
+    source: Annotated[
+        Path, typer.Argument(metavar="SOURCE", help="A pickle of the FERL or jaco_learning repository, or a folder.")
+    ],
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder that the recordings go into.")],
     joints: Annotated[
         str,
@@ -24,8 +26,13 @@ def import_ferl(
     ],
     topic: Annotated[str, typer.Option(help="Topic of the recordings.")] = "/joint_states",
     rate_hz: Annotated[float, typer.Option("--rate-hz", help="Nominal rate where the file has no times.")] = 10.0,
+    names: Annotated[
+        str, typer.Option(metavar="PATTERN", help="What the pickles of a folder are called.")
+    ] = "demo_{participant}_{condition}.p",
 ) -> None:
-    """Turn Python 2 pickles of joint arrays into recordings, one per demonstration. Nothing in FILE is executed.
+    """Turn Python 2 pickles of joint arrays into recordings, one per demonstration. Nothing in them is executed.
+
+    Of a folder, each condition gets a folder in OUT, with one recording for each participant.
 
     Example for the JACO 2: `lessbench import ferl FERL_demos.p mine --topic /j2s7s300_driver/out/joint_state
     --joints
@@ -33,7 +40,7 @@ def import_ferl(
     """
     from pipeline.formats.ferl.importer import import_ferl
 
-    written = import_ferl(file, out, [name.strip() for name in joints.split(",")], topic, rate_hz)
+    written = import_ferl(source, out, [name.strip() for name in joints.split(",")], topic, rate_hz, names)
     for path in written:
         say(str(path))
 

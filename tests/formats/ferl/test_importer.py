@@ -260,7 +260,7 @@ def test_no_changed_byte_does_harm(tmp_path: Path) -> None:
 
 def test_files_that_are_none(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.p")
-    for name in ("missing.p", "pipe.p", "."):
+    for name in ("missing.p", "pipe.p"):
         with pytest.raises(RecordingError) as caught:
             import_ferl(tmp_path / name, tmp_path / "out", JOINTS, "/joint_states", 10.0)
         assert caught.value.reason == "unreadable"
@@ -305,3 +305,57 @@ def test_the_command(tmp_path: Path) -> None:
     assert bad.stderr.startswith("lessbench: The pickle names os.system; only arrays")
     assert bad.stderr.count("\n") == 1
     assert not (tmp_path / "beacon").exists()
+
+
+def test_a_folder_of_pickles_becomes_a_folder_for_each_condition(shared: Path, tmp_path: Path) -> None:
+    original, expected = shared / "real/jaco/original/twelve", shared / "real/jaco/twelve"
+    joints, topic = [f"j2s7s300_joint_{i}" for i in range(1, 8)], "/j2s7s300_driver/out/joint_state"
+    written = import_ferl(original, tmp_path, joints, topic, 2.0)
+    assert [path.relative_to(tmp_path).as_posix() for path in written] == [
+        f"{condition}/ID{number:02}.mcap"
+        for condition in ("human1", "human2", "laptop1", "laptop2", "table1")
+        for number in range(12)
+    ]
+    for path in written:
+        ours = read_joint_states(path)
+        theirs = read_joint_states(expected / path.relative_to(tmp_path), topic, joints)
+        np.testing.assert_array_equal(ours.positions, theirs.positions)
+        np.testing.assert_array_equal(np.diff(ours.time_ns), np.diff(theirs.time_ns))
+        about, stated = ours.metadata["demonstration"], theirs.metadata["demonstration"]
+        assert (about["participant"], about["task"]) == (stated["participant"], stated["task"])
+
+
+def test_names_of_pickles_say_who_shows_what(tmp_path: Path) -> None:
+    source, poses = tmp_path / "in", RNG.normal(size=(4, 3))
+    source.mkdir()
+    for name in ("anna@near.p", "7@near.p", "11@near.p", "7@far.p"):
+        (source / name).write_bytes(listing(array(poses)) + b".")
+    (source / "notes.txt").write_text("not a pickle")
+    written = import_ferl(source, tmp_path / "out", JOINTS, "/joint_states", 10.0, "{participant}@{condition}.p")
+    assert [path.relative_to(tmp_path / "out").as_posix() for path in written] == [
+        "far/ID07.mcap", "near/ID07.mcap", "near/ID11.mcap", "near/anna.mcap",
+    ]  # fmt: skip
+    assert read_joint_states(written[-1]).metadata["demonstration"]["participant"] == "anna"
+
+
+@pytest.mark.parametrize(
+    ("files", "names", "said"),
+    [
+        ({}, "demo_{participant}_{condition}.p", "has no pickles"),
+        ({"demo_1.p": True}, "demo_{participant}_{condition}.p", "demo_1.p in .* is not called"),
+        ({"demo_1_a.p": True, "demo_01_a.p": True}, "demo_{participant}_{condition}.p", "keep one"),
+        ({"demo_1_a.p": True}, "demo_{participant}.p", "it needs"),
+        ({"demo_1_a.p": True}, "{participant}{condition}.p", "it needs"),
+        ({"demo_1_a.p": True, "demo_2_a.p": False}, "demo_{participant}_{condition}.p", "demo_2_a.p: "),
+    ],
+)
+def test_a_folder_that_is_otherwise_is_refused_whole(
+    files: dict[str, bool], names: str, said: str, tmp_path: Path
+) -> None:
+    source = tmp_path / "in"
+    source.mkdir()
+    for name, sound in files.items():
+        (source / name).write_bytes(listing(array(RNG.normal(size=(4, 3)))) + b"." if sound else b"cos\nsystem\n.")
+    with pytest.raises((ArgumentError, RecordingError), match=said):
+        import_ferl(source, tmp_path / "out", JOINTS, "/joint_states", 10.0, names)
+    assert not (tmp_path / "out").exists()
