@@ -278,6 +278,11 @@ BY_COMMAND = (
         features=True,
     ),
     Stage(
+        "section-5", Scope.PROJECT, "study section-5", "pipeline.stages.section_5",
+        inputs=("datasets/{task}/tables",),
+        outputs=("datasets/section_5.html", "datasets/studies/section_5_figures"),
+    ),
+    Stage(
         "import-trips", Scope.STUDIES, "import trips", "pipeline.commands.import_trips",
         makes=("trips_network", "trips_observed"),
     ),
