@@ -186,11 +186,17 @@ class Task(_Section):
 
 
 class Simulate(_Section):
-    """The simulated participants."""
+    """The simulated participants.
+
+    Attributes:
+        hand: `measured`: hands wander as those on recordings of people do (see `trajectories/measured_hand.py`);
+            `skilled`: they follow the path they intend, but for small disturbances.
+    """
 
     participants: Annotated[int, Field(strict=True, ge=1, le=10_000)]
     spread_rad: Annotated[float, Field(strict=True, ge=0, le=1)]
     skill: tuple[Share, Share]
+    hand: Literal["measured", "skilled"] = "skilled"
     topic: str
     extra_joints: tuple[str, ...]
     weights: Annotated[dict[Name, Weights], AfterValidator(_frozen)]

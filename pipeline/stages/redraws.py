@@ -30,8 +30,8 @@ from pipeline.studies.robustness.redraws import (
     leads,
     measure,
     no_scores,
+    paper_tests,
     positions,
-    tests_by_draw,
 )
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Sampler
@@ -118,7 +118,7 @@ def run(project: Project, name: str) -> None:
             raise StageError(f"none of robustness.redraws.samplers can draw for {name}: {record.notes[0]}")
         measured = Measured.together(parts)
         explored = _over_the_space(tables, people, thetas, betas) if len(further) == len(FURTHER) else no_scores()
-        anova, post_hoc = tests_by_draw(measured.divergences)
+        anova, post_hoc = paper_tests(measured.divergences)
         made = {
             "redraws": measured.divergences.drop("kl_low", "kl_high"),
             "redraws_anova": anova,

@@ -84,8 +84,8 @@ STAGES = (
         parameters=(
             "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
             "tasks.{task}.preferences",
-            "simulate.participants", "simulate.spread_rad", "simulate.skill", "simulate.topic", "simulate.extra_joints",
-            "simulate.weights.{task}", "ingest.waypoints",
+            "simulate.participants", "simulate.spread_rad", "simulate.skill", "simulate.hand", "simulate.topic",
+            "simulate.extra_joints", "simulate.weights.{task}", "ingest.waypoints",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/recordings",),

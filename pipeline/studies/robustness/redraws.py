@@ -205,7 +205,7 @@ def _positions(redraw: Redraw, people: Demonstrations, names: Sequence[str]) -> 
     return pl.DataFrame(rows)
 
 
-def tests_by_draw(divergences: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
+def paper_tests(divergences: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
     """The paper's tests of LESS against Boltzmann, for every sampler and draw.
 
     Returns:
@@ -231,7 +231,7 @@ def leads(divergences: pl.DataFrame, post_hoc: pl.DataFrame) -> pl.DataFrame:
 
     Args:
         divergences: see `Measured`.
-        post_hoc: the second table of `tests_by_draw`; may be empty.
+        post_hoc: the second table of `paper_tests`; may be empty.
 
     Returns:
         For every sampler, model, size and `demonstrations` (single or batch): `draws`, `participants`, `ratio` (of the
