@@ -20,6 +20,7 @@ from pipeline.workspace.project import Project, recorded_run
 
 PAGE, FIGURES = "datasets/section_5.html", "datasets/studies/section_5_figures"
 NEEDED = "redraws_leads"
+EFFORT = "efficiency"  # the kind of feature
 
 
 def run(project: Project) -> None:
@@ -46,7 +47,8 @@ def run(project: Project) -> None:
 
 
 def _draw(folder: Path, results: dict[str, TaskResults]) -> None:
-    write_figure(folder, "standing", standing_figure(standing(results)))
+    if (points := standing(results)).height:
+        write_figure(folder, "standing", standing_figure(points))
     for name, one in results.items():
         write_figure(folder, f"{name}_ratios", ratios_figure(one.leads.filter(demonstrations=SINGLE)))
         write_figure(folder, f"{name}_batch", ratios_figure(one.leads.filter(demonstrations=BATCH)))
@@ -62,6 +64,7 @@ def _results(project: Project, name: str) -> TaskResults:
 
     leads = table(NEEDED, needed=True)
     samplers = leads["sampler"].unique(maintain_order=True).to_list()
+    kinds = project.params.task(name).features.items()
     people = read_table(project.table(name, "demonstrations"), "demonstrations")
     return TaskResults(
         real=people["true_theta"].null_count() == people.height,
@@ -73,4 +76,5 @@ def _results(project: Project, name: str) -> TaskResults:
         positions=table("redraws_positions", needed=True),
         draws_anova=table("redraws_anova"),
         default_sampler=MIXTURE if MIXTURE in samplers else samplers[0],
+        effort=next((feature for feature, spec in kinds if spec["kind"] == EFFORT), None),
     )

@@ -314,7 +314,7 @@ def crossed_lead(values: FloatArray) -> CrossedLead:
     Raises:
         ArgumentError: values is not such a table of finite numbers, or there is one draw.
     """
-    from scipy.stats import t, ttest_1samp
+    from scipy.special import stdtr, stdtrit
 
     if values.ndim != 2 or len(values) < 2 or not np.isfinite(values).all():
         raise ArgumentError(f"values have shape {values.shape}; finite (draws, people) with two or more draws needed.")
@@ -330,10 +330,11 @@ def crossed_lead(values: FloatArray) -> CrossedLead:
         df = square**2 / spread if spread > 0 else float("inf")
         sd_people = sqrt(max(by_person - error, 0.0) / count)
         sd_draws = sqrt(max(by_draw - error, 0.0) / n)
-        p_paired = float(ttest_1samp(of_people, 0.0).pvalue) if of_people.std() > 0 else None
+        error_of_people = float(of_people.std(ddof=1)) / sqrt(n)
+        p_paired = 2 * float(stdtr(n - 1, -abs(mean) / error_of_people)) if error_of_people > 0 else None
     else:
         square, df = float(of_draws.var(ddof=1)), float(count - 1)
         sd_draws = sqrt(square)
-    half_width = float(t.ppf(0.975, df)) * sqrt(square / (count * n))
+    half_width = float(stdtrit(df, 0.975)) * sqrt(square / (count * n))
     below = float((of_draws < 0).mean())
     return CrossedLead(count, n, mean, mean - half_width, mean + half_width, sd_people, sd_draws, p_paired, below)

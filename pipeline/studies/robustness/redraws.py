@@ -127,7 +127,7 @@ def measure(
         for model, score in scores.items():
             values = log_likelihoods(problem, samplings, score)
             about = {"sampler": redraw.sampler, "draw": redraw.draw, "model": model, "set_size": size}
-            labels = [pl.lit(value).alias(key) for key, value in about.items()]
+            labels = _labels(about)
             table = measures(theta_marginals(log_posteriors(values)), people, problem.truth_angles)
             divergences.append(table.select(*labels, pl.all()))
             if len(people.ids) > 1:
@@ -166,6 +166,10 @@ def _nested_score(problem: Problem, selected: Mapping[ChoiceSets, Mapping[str, f
         return nested_log_likelihood(demonstrations, rows, nests, problem.thetas, problem.betas, DISSIMILARITY)
 
     return score
+
+
+def _labels(about: Mapping[str, object]) -> list[pl.Expr]:
+    return [pl.lit(value, pl.Int64 if isinstance(value, int) else pl.String).alias(key) for key, value in about.items()]
 
 
 def _held_out(values: FloatArray, people: Demonstrations, betas: FloatArray) -> pl.DataFrame:
@@ -331,7 +335,7 @@ def explored_scores(
     for model, explorations in likelihoods.items():
         for number, values in enumerate(explorations):
             about = {"sampler": EXPLORED, "draw": number, "model": model, "set_size": 0}
-            labels = [pl.lit(value).alias(key) for key, value in about.items()]
+            labels = _labels(about)
             parts.append(_held_out(values[None], people, betas).select(*labels, pl.all()))
     return pl.concat(parts) if parts else no_scores()
 

@@ -23,8 +23,11 @@ PAPER: Mapping[str, tuple[str, str, str]] = {
     "human": ("model x size F(4, 44) = 2.85, p < .05", "a difference at 1,000 alone (p < .001)", "LESS higher"),
 }
 """What section 5 prints, by what a task's name begins with: the analysis of variance, Tukey's test, all together."""
-EFFORT = "efficiency"
 PROBABLE = 0.05
+POINTS = {
+    "task": pl.String, "sampler": pl.String, "percentile": pl.Float64, "ratio": pl.Float64, "ratio_low": pl.Float64,
+    "ratio_high": pl.Float64, "lead": pl.Float64, "lead_low": pl.Float64, "lead_high": pl.Float64,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +40,7 @@ class TaskResults:
         summary: robustness_summary; empty if it is not there.
         leads, held_out_leads, positions, draws_anova: of the redrawn sets.
         default_sampler: of the redrawn ones, that of the paper's regime.
+        effort: name of the feature that is the effort; None if there is none.
     """
 
     real: bool
@@ -48,13 +52,14 @@ class TaskResults:
     positions: pl.DataFrame
     draws_anova: pl.DataFrame
     default_sampler: str
+    effort: str | None
 
 
 def standing(results: Mapping[str, TaskResults]) -> pl.DataFrame:
     """Where people stand in each sampler's pool, beside both leads of LESS: the points of `standing_figure`."""
     rows = []
     for task, one in results.items():
-        effort = one.positions.filter(feature=EFFORT)
+        effort = one.positions.filter(pl.col("feature") == one.effort)
         least, largest = one.leads["set_size"].min(), one.leads["set_size"].max()
         for (sampler,), people in effort.group_by("sampler", maintain_order=True):
             ratio = one.leads.filter(sampler=sampler, model=LESS, set_size=least, demonstrations=SINGLE)
@@ -67,7 +72,7 @@ def standing(results: Mapping[str, TaskResults]) -> pl.DataFrame:
                     "lead_high": _value(lead, "high"),
                 }
             )  # fmt: skip
-    return pl.DataFrame(rows, schema_overrides=dict.fromkeys(("lead", "lead_low", "lead_high"), pl.Float64))
+    return pl.DataFrame(rows, schema=POINTS)
 
 
 def section_5(results: Mapping[str, TaskResults], pictures: Mapping[str, bytes], made_by: str) -> Report:
@@ -81,23 +86,26 @@ def section_5(results: Mapping[str, TaskResults], pictures: Mapping[str, bytes],
     sections = [
         Section("In short", [Points(_in_short(results))]),
         Section("The paper's statistics, and these", [*_beside_the_paper(results)]),
-        Section(
-            "What the answers depend on",
-            [
-                Text(
-                    "Each point is one task and one sampler. If leads follow from where people stand among the "
-                    "alternatives, they say as much about the sampler as about people."
-                ),
-                Picture(
-                    pictures["standing"],
-                    "Left: how many times KLAggregate of LESS is Boltzmann's, with the smallest sets; below 1 LESS is "
-                    "steadier. Right: how much better LESS predicts a person from the others, with the largest sets. "
-                    "Bars are 95 % intervals over draws and people.",
-                ),
-                _positions(results),
-            ],
-        ),
     ]
+    if "standing" in pictures:
+        sections.append(
+            Section(
+                "What the answers depend on",
+                [
+                    Text(
+                        "Each point is one task and one sampler. If leads follow from where people stand among the "
+                        "alternatives, they say as much about the sampler as about people."
+                    ),
+                    Picture(
+                        pictures["standing"],
+                        "Left: how many times KLAggregate of LESS is Boltzmann's, with the smallest sets; below 1 LESS "
+                        "is steadier. Right: how much better LESS predicts a person from the others, with the largest "
+                        "sets. Bars are 95 % intervals over draws and people.",
+                    ),
+                    _positions(results),
+                ],
+            )
+        )
     for task, one in results.items():
         sections.append(Section(_title(task, one), _of_task(task, one, pictures), opens=True))
     sections.append(Section("How it was made", [Points(_method(results))]))
