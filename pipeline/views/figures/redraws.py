@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 COLUMNS = 4
 MARKERS = "osD^vP*X<>"
-RATIOS = (0.1, 0.2, 0.33, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
+FINE_RATIOS, COARSE_RATIOS = (0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0), (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0)
+MOST = 1000.0  # an axis of ratios goes so far to either side
 
 
 @in_style
@@ -28,7 +29,7 @@ def ratios_figure(leads: pl.DataFrame) -> Figure:
     Args:
         leads: rows of the table `redraws_leads` of one task, of one kind of `demonstrations`.
     """
-    return _by_sampler(leads.rename({"ratio": "value"}), "KLAggregate, by Boltzmann's", 1.0, log=True)
+    return _by_sampler(leads.rename({"ratio": "value"}), "KLAggregate,\nby Boltzmann's", 1.0, log=True)
 
 
 @in_style
@@ -83,9 +84,10 @@ def standing_figure(points: pl.DataFrame) -> Figure:
 def _by_sampler(leads: pl.DataFrame, label: str, level: float, *, log: bool) -> Figure:
     samplers = leads["sampler"].unique(maintain_order=True).to_list()
     models = leads["model"].unique(maintain_order=True).to_list()
-    rows = -(-len(samplers) // COLUMNS)
+    columns = min(COLUMNS, len(samplers))
+    rows = -(-len(samplers) // columns)
     figure = new_figure(TEXT_IN, 0.5 + 1.55 * rows)
-    axes = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax, sampler in zip(axes.flat, samplers, strict=False):
         _lines(ax, leads.filter(sampler=sampler), models)
         ax.axhline(level, color=INK, linewidth=0.6)
@@ -94,16 +96,16 @@ def _by_sampler(leads: pl.DataFrame, label: str, level: float, *, log: bool) -> 
     sizes = sorted(leads["set_size"].unique())
     for place, ax in enumerate(axes.flat):
         if place >= len(samplers):
-            ax.set_visible(False)
+            ax.remove()
             continue
         ax.set_xscale("log")
         ax.xaxis.set_major_locator(FixedLocator(sizes))
         ax.xaxis.set_minor_locator(NullLocator())
         ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
-        if place + COLUMNS >= len(samplers):
+        if place + columns >= len(samplers):
             ax.tick_params(axis="x", labelbottom=True)
             ax.set_xlabel("alternatives per set")
-        if place % COLUMNS == 0:
+        if place % columns == 0:
             ax.set_ylabel(label)
     if log:
         _ratio_axis(axes[0, 0], leads.select("low", "high"))
@@ -124,11 +126,12 @@ def _lines(ax: Axes, leads: pl.DataFrame, models: Sequence[str]) -> None:
 
 
 def _ratio_axis(ax: Axes, ends: pl.DataFrame) -> None:
-    """A logarithmic axis with ticks at plain ratios, as far as the values go, but no farther than 100 times."""
-    values = np.clip(ends.drop_nulls().to_numpy().ravel(), 0.01, 100)
+    """A logarithmic axis with ticks at plain ratios, as far as the values go, but no farther than MOST times."""
+    values = np.clip(ends.drop_nulls().to_numpy().ravel(), 1 / MOST, MOST)
     ax.set_yscale("log")
     ax.set_ylim(values.min() / 1.15, values.max() * 1.15)
-    shown = [tick for tick in RATIOS if values.min() / 1.15 <= tick <= values.max() * 1.15]
+    ticks = FINE_RATIOS if values.max() < 12 * values.min() else COARSE_RATIOS
+    shown = [tick for tick in ticks if values.min() / 1.15 <= tick <= values.max() * 1.15]
     ax.yaxis.set_major_locator(FixedLocator(shown))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_locator(NullLocator())
