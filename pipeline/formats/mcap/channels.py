@@ -34,6 +34,9 @@ _CHANNEL_ID = struct.Struct("<H")
 _MESSAGE_COUNT = struct.Struct("<Q")
 _DECODED_BYTES = 8 << 20  # of messages that are decoded together
 _LAYOUT_STEPS, _MAP_ENTRY_BYTES, _TEXT_BYTES = 40, 8, 16
+_DECODED_STEPS, _DECODED_STEP_BYTES = 5, 50  # of a message that is decoded by itself, and bytes in it for each further
+_TRIED = 100  # messages without a pose, after which a channel that does not declare any is left alone
+_ALIKE = 16  # messages in a row that cost a step where they are handed in together
 
 
 @dataclass(frozen=True)
@@ -229,7 +232,7 @@ class Contents:
 
     def add_messages(self, channel: ChannelContents, payloads: Sequence[bytes], log_ns: IntArray, meter: Meter) -> None:
         """Take the next messages of a channel, logged at (k,) ns, in their order in the file."""
-        meter.step(len(payloads))
+        meter.step(1 + len(payloads) // _ALIKE)
         channel.count(log_ns)
         if channel.layout is not None or channel.decoding is not None:
             place = self._place + np.arange(len(payloads))
@@ -291,13 +294,7 @@ class Contents:
         if any(is_zstd(payload) for payload in payloads):
             payloads = [inflate_message(one, meter) if is_zstd(one) else one for one in payloads]
         if channel.decoding is not None:
-            try:
-                self._take_decoded(channel, channel.decoding.decode, payloads, place, log_ns, publish_ns, meter)
-            except RecordingError as error:
-                if channel.decoding.sure or channel.has_poses:
-                    raise
-                channel.refused, channel.decoding = error, None
-                channel.blocks.clear()
+            self._take_one_by_one(channel, channel.decoding, payloads, place, log_ns, publish_ns, meter)
             return
         alike: dict[int, list[int]] = {}
         for row, payload in enumerate(payloads):
@@ -313,6 +310,36 @@ class Contents:
                 meter.hold(states.positions.size)
                 here = of[found]
                 channel.blocks.append(LoggedBlock(place[here], log_ns[here], publish_ns[here], states))
+
+    def _take_one_by_one(
+        self,
+        channel: ChannelContents,
+        decoding: Decoding,
+        payloads: Sequence[bytes],
+        place: IntArray,
+        log_ns: IntArray,
+        publish_ns: IntArray,
+        meter: Meter,
+    ) -> None:
+        """Decode messages, of a channel that does not declare poses only as long as it may turn out to have some."""
+        if decoding.sure or channel.has_poses:
+            self._take_decoded(channel, decoding.decode, payloads, place, log_ns, publish_ns, meter)
+            return
+        first = slice(0, _TRIED)
+        try:
+            self._take_decoded(
+                channel, decoding.decode, payloads[first], place[first], log_ns[first], publish_ns[first], meter
+            )
+        except RecordingError as error:
+            channel.refused = error
+        if channel.has_poses and channel.refused is None:
+            rest = slice(_TRIED, None)
+            self._take_decoded(
+                channel, decoding.decode, payloads[rest], place[rest], log_ns[rest], publish_ns[rest], meter
+            )
+        elif channel.refused is not None or channel.messages >= _TRIED:
+            channel.decoding = None
+            channel.blocks.clear()
 
     def _take_decoded(
         self,
@@ -333,7 +360,7 @@ class Contents:
                     f"A message on {channel.topic} has {len(payload)} bytes; of its kind at most "
                     f"{meter.limits.message_bytes} are read.",
                 )
-            meter.step()
+            meter.step(_DECODED_STEPS + len(payload) // _DECODED_STEP_BYTES)
             decoded = decode(payload)
             meter.hold(decoded.positions.size)
             if run and run[-1][1].names != decoded.names:

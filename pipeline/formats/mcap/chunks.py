@@ -30,6 +30,7 @@ def inflate_message(data: bytes, meter: Meter) -> bytes:
     except zstandard.ZstdError as error:
         raise rejection("corrupt", "A message's zstd data is damaged or longer than is read.") from error
     meter.inflate(len(inflated))
+    meter.step()
     return inflated
 
 

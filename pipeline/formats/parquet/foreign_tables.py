@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 ADDRESS_SPACE_BYTES = 4 << 30
 PATIENCE_S = 120
 MOST_COLUMNS, MOST_GROUPS = 10_000, 100_000
+LONGEST_TEXT = 1_000  # bytes
 MOST_DAMAGED = 20  # files at which the look at many is given up
 _TOGETHER = 500  # files
 
@@ -90,6 +91,7 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     """
     import numpy as np
     import pyarrow as pa
+    import pyarrow.compute as pc
     import pyarrow.parquet as pq
 
     def wrong(said: str) -> RecordingError:
@@ -97,14 +99,19 @@ def read_columns(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
 
     found: dict[str, NDArray[Any]] = {}
     try:
+        # texts as a dictionary: one long text may stand for millions of rows
         with pq.ParquetFile(path) as file:
+            texts = [name for name in names if _kind(file.schema_arrow.field(name).type) == "text"]
+        with pq.ParquetFile(path, read_dictionary=texts) as file:
             table = file.read(columns=list(names), use_threads=False)
         for name in names:
             column = table.column(name).combine_chunks()
             column = pa.concat_arrays(column.chunks) if isinstance(column, pa.ChunkedArray) else column
-            if pa.types.is_dictionary(column.type):
-                column = column.dictionary_decode()
             kind = _kind(column.type)
+            if pa.types.is_dictionary(column.type):
+                if kind == "text" and (pc.max(pc.binary_length(column.dictionary)).as_py() or 0) > LONGEST_TEXT:
+                    raise wrong(f"the column {name!r} has texts of more than {LONGEST_TEXT} bytes")
+                column = column.dictionary_decode() if kind != "text" else column
             if kind == "array":
                 inner = column.flatten()
                 width = len(inner) // max(len(column), 1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,7 +32,8 @@ POSITIONS = re.compile(r"robot(\d)_joint_pos")
 RATE = "control_freq"
 LARGEST_TEXT = 1 << 20  # bytes
 MOST_GROUPS = 100_000
-FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 32000: "lzf"}
+DEFLATE, LZF = 1, 32000
+FILTERS = {DEFLATE: "gzip", 2: "shuffle", 3: "fletcher32", LZF: "lzf"}
 REMEDY = "split it into files of fewer demonstrations"
 _NUMBERS = re.compile(r"(\d+)")
 
@@ -192,13 +194,31 @@ def _values(path: Path, entry: str, name: str, dataset: Any, meter: Meter) -> Fl
         raise rejection("too-large", f"{where} is stored in chunks of more than {meter.limits.chunk_bytes} bytes.")
     plist = dataset.id.get_create_plist()
     filters = [plist.get_filter(place)[0] for place in range(plist.get_nfilters())]
+    if len(set(filters) & {DEFLATE, LZF}) > 1 or len(set(filters)) < len(filters):
+        raise rejection("unsupported-compression", f"{where} is compressed more than once.")
     if unknown := [number for number in filters if number not in FILTERS]:
         raise rejection(
             "unsupported-compression",
             f"{where} is compressed by the filter {unknown[0]}; read are {', '.join(FILTERS.values())}.",
         )
+    if DEFLATE in filters:
+        _check_deflated(where, dataset, filters.index(DEFLATE))
     values: FloatArray = dataset[()].astype(np.float64)
     return values
+
+
+def _check_deflated(where: str, dataset: Any, place: int) -> None:
+    """Refuse chunks that inflate to more than a chunk, which the library would inflate to whatever size."""
+    most = int(np.prod(dataset.chunks)) * dataset.dtype.itemsize + 4  # and a checksum
+    for number in range(dataset.id.get_num_chunks()):
+        about = dataset.id.get_chunk_info(number)
+        if about.filter_mask & (1 << place):
+            continue
+        if about.size > 2 * most + 1024:
+            raise rejection("corrupt", f"{where} has a chunk of {about.size} bytes for {most}.")
+        _, data = dataset.id.read_direct_chunk(about.chunk_offset)
+        if len(zlib.decompressobj().decompress(data, most + 1)) > most:
+            raise rejection("too-large", f"{where} has a chunk that inflates to more than its {most} bytes.")
 
 
 def _rate(path: Path, data: Any) -> float:

@@ -24,6 +24,8 @@ from pipeline.formats.recordings.extras import needed
 
 MAGIC = b"#ROSBAG V2.0\n"
 REMEDY = "keep only the joint states with `rosbag filter`"
+MOST_CONNECTIONS, MOST_CHUNKS = 10_000, 200_000
+_ENTRY_BYTES = 12  # of a message in the index
 _OFTEN = 4  # times the length of the file that may be read of it
 _BATCH_BYTES, _BATCH = 1 << 20, 256
 
@@ -41,7 +43,7 @@ def fill_from_ros1_bag(contents: Contents, path: Path, limits: Limits) -> None:
             raise rejection("corrupt", f"{path.name} does not start as a bag of ROS 1 of version 2.0 does.")
     contents.profile, contents.library = "ros1", "rosbag"
     try:
-        _read(contents, rosbag1.Reader(_Bounded(path)), rosbag1.decompressors, meter)
+        _read(contents, _counted(rosbag1.Reader, limits)(_Bounded(path, limits)), rosbag1.decompressors, meter)
     except RecordingError:
         raise
     except Exception as error:  # of a damaged file it raises whatever its code meets
@@ -110,23 +112,61 @@ def _bounded(compression: str, meter: Meter) -> Callable[[bytes], bytes]:
     return inflate
 
 
+def _counted(reader: Any, limits: Limits) -> Any:
+    """The reader of rosbags that stops where an index has more entries than are read."""
+
+    class Counted(reader):  # type: ignore[misc]
+        """Counts connections, chunks and messages as they are read from the index."""
+
+        def read_connection(self) -> Any:
+            self._count("_connections", MOST_CONNECTIONS, "connections")
+            return super().read_connection()
+
+        def read_chunk_info(self) -> Any:
+            self._count("_chunk_infos", MOST_CHUNKS, "chunks")
+            return super().read_chunk_info()
+
+        def read_index_data(self, pos: int, indexes: dict[int, list[Any]]) -> None:
+            self.bio.most = _ENTRY_BYTES * limits.joint_states
+            super().read_index_data(pos, indexes)
+            self.bio.most = limits.record_bytes
+            if sum(map(len, indexes.values())) > limits.joint_states:
+                raise _too_many(limits.joint_states, "messages")
+
+        def _count(self, name: str, most: int, what: str) -> None:
+            count = getattr(self, name, 0) + 1
+            setattr(self, name, count)
+            if count > most:
+                raise _too_many(most, what)
+
+    return Counted
+
+
+def _too_many(most: int, what: str) -> RecordingError:
+    return rejection("too-large", f"The bag's index lists more than {most} {what}; {REMEDY}.")
+
+
 class _Bounded:
     """A path whose file gives no more bytes than it has, and not many times over."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, limits: Limits) -> None:
+        self._path, self._most = path, limits.record_bytes
 
     def exists(self) -> bool:
         return self._path.exists()
 
     def open(self, mode: str) -> BinaryIO:
-        return _BoundedFile(self._path, mode)
+        file = _BoundedFile(self._path, mode)
+        file.most = self._most
+        return file
 
     def __str__(self) -> str:
         return self._path.name
 
 
 class _BoundedFile(io.BufferedReader):
+    most = 0  # bytes that may be read at once
+
     def __init__(self, path: Path, mode: str) -> None:
         super().__init__(io.FileIO(path, mode.replace("b", "")))
         self._size = path.stat().st_size
@@ -135,6 +175,8 @@ class _BoundedFile(io.BufferedReader):
     def read(self, size: int | None = -1, /) -> bytes:
         left = max(0, self._size - self.tell())
         wanted = left if size is None or size < 0 else min(size, left)
+        if wanted > self.most:
+            raise rejection("too-large", f"The bag has a record of {wanted} bytes, at most {self.most} are read.")
         self._left -= wanted + 1
         if self._left < 0:
             raise rejection("too-large", f"The bag's index points to the same places again and again; {REMEDY}.")

@@ -9,7 +9,7 @@ computed columns) is refused before any of its tables is read, as these are SQL 
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ _TABLES = ("messages", "topics")
 _LARGEST_SCHEMA = 1 << 20
 _MOST_ENTRIES = 1000  # of the schema, and topics
 _BATCH = 256  # messages
-_INSTRUCTIONS, _LOOKS = 1_000_000, 4_000  # how much SQLite may do between two looks, and how many looks
+_INSTRUCTIONS, _LOOKS = 1_000_000, 1_000  # how much SQLite may do between two looks, and how many looks
 _ROS = {"ros2msg": "ros2msg", "ros2idl": "ros2idl"}
 REMEDY = "keep only the joint states with `ros2 bag convert`"
 
@@ -43,7 +43,15 @@ def fill_from_sqlite(contents: Contents, path: Path, limits: Limits) -> None:
         _require_plain(database)
         channels = dict(_channels(database, contents, meter))
         order = "order by timestamp, id" if _columns(database, "messages") >= {"id"} else "order by timestamp"
-        rows = database.execute(f"select topic_id, timestamp, data from messages {order}")
+        wanted = [number for number, channel in channels.items() if channel.layout or channel.decoding]
+        for number, count, first, last in database.execute(
+            "select topic_id, count(*), min(timestamp), max(timestamp) from messages group by topic_id"
+        ):
+            _count(number, (count, first, last), channels, wanted)
+        places = ", ".join("?" * len(wanted))
+        rows = database.execute(
+            f"select topic_id, timestamp, data from messages where topic_id in ({places}) {order}", wanted
+        )
         while batch := rows.fetchmany(_BATCH):
             _take(batch, channels, contents, meter)
 
@@ -113,6 +121,19 @@ def _channels(database: sqlite3.Connection, contents: Contents, meter: Meter) ->
         yield number, contents.add_channel(channel, schema, meter)
 
 
+def _count(
+    number: Any, found: tuple[Any, Any, Any], channels: dict[int, ChannelContents], wanted: Sequence[int]
+) -> None:
+    """Take note of how many messages a topic has that is not read, and refuse those of no topic."""
+    channel = channels.get(number)
+    if channel is None:
+        raise rejection("corrupt", f"A message belongs to the undeclared topic {number!r}.")
+    if number not in wanted:
+        if not all(type(value) is int and value >= 0 for value in found):
+            raise rejection("corrupt", f"A message on {channel.topic} has no time, or no content.")
+        channel.messages, channel.first_log_ns, channel.last_log_ns = found
+
+
 def _take(
     rows: list[tuple[Any, Any, Any]], channels: dict[int, ChannelContents], contents: Contents, meter: Meter
 ) -> None:
@@ -121,10 +142,8 @@ def _take(
     for end in range(1, len(rows) + 1):
         if end < len(rows) and rows[end][0] == rows[start][0]:
             continue
-        run, channel = rows[start:end], channels.get(rows[start][0])
+        run, channel = rows[start:end], channels[rows[start][0]]
         start = end
-        if channel is None:
-            raise rejection("corrupt", f"A message belongs to the undeclared topic {run[0][0]!r}.")
         if not all(type(time) is int and time >= 0 and isinstance(data, bytes) for _, time, data in run):
             raise rejection("corrupt", f"A message on {channel.topic} has no time, or no content.")
         meter.inflate(sum(len(data) for *_, data in run))

@@ -41,6 +41,7 @@ SEPARATORS = ",;\t"
 LARGEST_CSV = 256 << 20  # bytes
 MOST_COLUMNS = 4096
 MOST_IDS = 100_000
+LONGEST_TEXT = 200  # characters of an id or a name
 REMEDY = "split it into fewer recordings"
 _HEAD_BYTES = 1 << 20
 _NO_COLUMNS = ColumnMap()
@@ -346,8 +347,8 @@ def _csv(path: Path, names: tuple[str, ...], limits: Limits) -> dict[str, NDArra
     try:
         table = pl.read_csv(
             path.read_bytes(), has_header=False, skip_rows=1, separator=separator, infer_schema=False,
-            columns=[columns.index(name) for name in ordered], n_rows=limits.joint_states + 1,
-            truncate_ragged_lines=False,
+            columns=[columns.index(name) for name in ordered], truncate_ragged_lines=False,
+            n_rows=min(limits.joint_states, limits.joint_values // max(len(ordered), 1)) + 1,
         )  # fmt: skip
         found = dict(zip(ordered, table.get_columns(), strict=True))
         return {name: _cells(path, name, found[name]) for name in names}
@@ -414,7 +415,7 @@ def _npz_header(path: Path) -> dict[str, Column]:
             shape, dtype = _array_header(path, archive, info)
             if dtype.kind in "fiu" and 1 <= len(shape) <= 2:
                 found[name] = Column("number") if len(shape) == 1 else Column("array", int(shape[1]))
-            elif dtype.kind == "U" and len(shape) == 1:
+            elif dtype.kind == "U" and len(shape) == 1 and dtype.itemsize <= 4 * LONGEST_TEXT:
                 found[name] = Column("text")
             else:
                 found[name] = Column("other")
@@ -429,6 +430,7 @@ def _npz(path: Path, names: tuple[str, ...], limits: Limits) -> dict[str, NDArra
             info = archive.getinfo(f"{name}.npy")
             shape, dtype = _array_header(path, archive, info)
             meter.inflate(info.file_size)
+            meter.hold(info.file_size // max(dtype.itemsize, 1))
             if shape and shape[0] > limits.joint_states:
                 raise rejection(
                     "too-large", f"{path.name} has {shape[0]} rows; at most {limits.joint_states} are read."

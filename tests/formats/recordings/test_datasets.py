@@ -296,3 +296,17 @@ def test_a_long_file_is_not_opened(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="at most 100 are read"):
         read_recording(bag, limits=Limits(stored_bytes=100))
     assert path.stat().st_size > 100
+
+
+def test_a_chunk_that_inflates_beyond_its_size_is_refused(tmp_path: Path) -> None:
+    import zlib
+
+    def change(file: Any) -> None:
+        obs = file["data/demo_0/obs"]
+        del obs["robot0_joint_pos"]
+        dataset = obs.create_dataset("robot0_joint_pos", (10, 3), "f8", chunks=(10, 3), compression="gzip")
+        dataset.id.write_direct_chunk((0, 0), zlib.compress(bytes(300_000)))
+
+    write_hdf5(tmp_path / "lift.hdf5", 1, change)
+    error = rejected(tmp_path)
+    assert (error.reason, "inflates to more than its 244 bytes" in error.detail) == ("too-large", True)

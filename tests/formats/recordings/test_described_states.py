@@ -247,3 +247,22 @@ def test_without_protobuf_a_sentence_says_what_to_install(tmp_path: Path, monkey
     error = rejected(path)
     assert (error.reason, "library protobuf" in error.detail) == ("not-read", True)
     assert "`pip install 'lessbench[ros]'`" in error.detail
+
+
+def test_other_json_is_left_alone_after_a_while_and_costs_no_more(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        talk, joints = writer.register_channel("/talk", "json", 0), writer.register_channel(TOPIC, "json", 0)
+        for number in range(5000):
+            writer.add_message(talk, START + number, json.dumps({"text": "x" * (100 + number)}).encode(), START)
+        for time, row in zip(*motion(), strict=True):
+            message = MESSAGES["as ROS"](int(time), row)
+            writer.add_message(joints, int(time), json.dumps(message).encode(), int(time))
+        writer.finish()
+    recording = read_recording(bag_of(path), joints=NAMES, limits=Limits(steps=60_000))
+    np.testing.assert_array_equal(recording.positions, motion()[1])
+    assert {topic.topic: topic.joints for topic in inspect(bag_of(path)).topics} == {TOPIC: NAMES, "/talk": ()}

@@ -355,3 +355,18 @@ def test_without_rosbags_a_sentence_says_what_to_install(tmp_path: Path, monkeyp
         assert error.reason == "not-read"
         assert "`pip install 'lessbench[ros]'`" in error.detail
     check(read_recording(bag_of(plain)))
+
+
+def test_what_an_index_of_ros_1_lists_is_bounded(tmp_path: Path) -> None:
+    path = write_ros1(tmp_path / "a.bag", lambda store: states(store, 1))
+    error = rejected(path, limits=Limits(joint_states=10))
+    assert (error.reason, "at most 120 are read" in error.detail) == ("too-large", True)
+    error = rejected(path, limits=Limits(record_bytes=1000))
+    assert error.reason == "too-large"
+
+
+def test_a_database_that_takes_too_long_is_left(database: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.formats.recordings.sqlite_bag._LOOKS", 0)
+    monkeypatch.setattr("pipeline.formats.recordings.sqlite_bag._INSTRUCTIONS", 10)
+    error = rejected(database)
+    assert (error.reason, "takes too long" in error.detail) == ("too-large", True)

@@ -292,3 +292,34 @@ def test_uneven_lists_of_parquet_are_refused(tmp_path: Path) -> None:
     write_table(tmp_path / "tea.parquet", {"t": SECONDS, "q": rows})
     error = rejected(tmp_path, ColumnMap(joints=NAMES))
     assert (error.reason, "not of one length" in error.detail) == ("corrupt", True)
+
+
+def test_a_long_text_that_stands_for_many_rows_is_refused(tmp_path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = 200_000
+    ids = pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int32)), pa.array(["x" * 100_000]))
+    plain = {name: np.zeros(rows) for name in ("t", *NAMES)}
+    path = tmp_path / "tea.parquet"
+    pq.write_table(
+        pa.table({"id": ids.cast(pa.dictionary(pa.int32(), pa.string())), **plain}), path, store_schema=False
+    )
+    assert path.stat().st_size < 1 << 20
+    error = rejected(tmp_path, ColumnMap(id="id"))
+    assert (error.reason, "texts of more than" in error.detail) == ("corrupt", True)
+
+
+def test_of_a_wide_table_no_more_rows_are_read_than_may_be_held(tmp_path: Path) -> None:
+    names = [f"j{number}" for number in range(3000)]
+    line = ",".join(["0"] * 3001)
+    (tmp_path / "tea.csv").write_text("\n".join(["t," + ",".join(names), *[line] * 20]))
+    found = read_folder(tmp_path)
+    with pytest.raises(RecordingError, match="more than 30000 joint positions"):
+        read_recording(found.bags[0], limits=Limits(joint_values=30_000))
+
+
+def test_of_a_table_only_what_is_wanted_is_read(tmp_path: Path) -> None:
+    many = {f"j{number}": SECONDS for number in range(300)}
+    write_table(tmp_path / "tea.csv", {"t": SECONDS, **many, **joints()})
+    assert only(tmp_path, limits=Limits(joint_values=4 * 60)).names == NAMES
