@@ -62,8 +62,13 @@ class Intake:
 
     @property
     def columns(self) -> ColumnMap:
-        """What the columns of tables and datasets mean."""
-        return column_map(self.reading)
+        """What the columns of tables and datasets mean; a unit of angles for all is one of those that turn alone."""
+        said = column_map(self.reading)
+        if not isinstance(said.unit, str):
+            return said
+        turning, sliding = (said.unit, "m") if said.unit in ("rad", "deg") else ("rad", said.unit)
+        joints = zip(self.recorded_joints, self.scene.slides, strict=True)
+        return replace(said, unit={joint: sliding if slides else turning for joint, slides in joints})
 
     @property
     def recorded_joints(self) -> tuple[str, ...]:

@@ -143,13 +143,15 @@ def test_a_task_is_proposed_from_tables_that_need_a_word(make_project: Make, par
         add_task(project, wishes)
     with pytest.raises(ParameterError, match=r"--reading unit.*'deg'.*it takes array"):
         add_task(project, Wishes("pour", project.root / "gantry.xml", folder, reading={"unit": "degrees"}))
-    reading = {"time": "clock", "time_unit": "ms", "unit": {"q_swing": "deg", "q_bend": "deg"}}
+    reading = {"time": "clock", "time_unit": "ms", "unit": "deg"}
     add_task(project, Wishes("pour", project.root / "gantry.xml", folder, reading=reading))
     fresh = Project(project.root)
     assert dict(fresh.params.task("pour").joint_names) == {f"q_{name}": name for name in NAMES}
     ingest.run(fresh, "pour")
     rows = read_table(fresh.table("pour", "demonstrations"), "demonstrations")
     np.testing.assert_allclose(rows["duration_s"], (TIMES[-1] - TIMES[0]) / 1e9, atol=0.1)
+    waypoints = rows["waypoints"].to_numpy()  # the rail slides, so that its numbers are no degrees
+    np.testing.assert_allclose(waypoints[:, -1], POSITIONS[-1] + 0.01 * np.arange(2)[:, None], atol=0.02)
 
 
 def test_reading_is_given_on_the_command_line(

@@ -239,16 +239,16 @@ class Contents:
             self._take_payloads(channel, payloads, place, log_ns, log_ns, meter)
         self._place += len(payloads)
 
-    def add_poses(self, topic: str, schema: str, time_ns: IntArray, states: Mapping[str, FloatArray]) -> None:
+    def add_poses(self, topic: str, form: str, time_ns: IntArray, states: Mapping[str, FloatArray]) -> None:
         """Take the poses of a file that is a table: the only channel, whose clocks are one.
 
         Args:
             topic: what the table is called in messages.
-            schema: what it is.
+            form: what kind of file it is from.
             time_ns: (M,), M >= 1.
             states: (M,) positions by joint, rad or m.
         """
-        channel = ChannelContents(topic, schema, "table", layout=Declared())
+        channel = ChannelContents(topic, "positions", form, layout=Declared())
         channel.count(time_ns)
         positions = np.stack(list(states.values()), axis=1) if states else np.empty((len(time_ns), 0))
         block = JointBlock(time_ns, tuple(states), positions)

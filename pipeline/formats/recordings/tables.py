@@ -146,7 +146,7 @@ def fill_from_table(
             )
         contents.metadata[METADATA] = {"participant": people[0]}
     contents.library = path.suffix.lower().removeprefix(".")
-    contents.add_poses(path.name, "table", time_ns, states)
+    contents.add_poses(path.name, contents.library, time_ns, states)
 
 
 def meaning_of(path: Path, said: ColumnMap) -> Meaning:
