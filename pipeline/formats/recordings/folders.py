@@ -196,7 +196,7 @@ def _in_file(path: Path, columns: ColumnMap | None) -> Iterator[Bag]:
     """The recordings in a file; one that is not there, or of no known ending, is left to the reader of MCAP files."""
     form = form_of_file(path) or "mcap"
     if form == "hdf5":
-        for name in groups(path):
+        for name in groups(path, columns):
             yield Bag(f"{path.stem}_{name}", (path,), True, form, name, f"{path.name}: {name}")
     elif form == "table":
         for entry in recordings_in_table(path, columns):

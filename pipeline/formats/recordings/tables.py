@@ -45,7 +45,10 @@ LONGEST_TEXT = 200  # characters of an id or a name
 REMEDY = "split it into fewer recordings"
 _HEAD_BYTES = 1 << 20
 _NO_COLUMNS = ColumnMap()
-_DAMAGED = (ValueError, OSError, EOFError, LookupError, OverflowError, zipfile.BadZipFile, zlib.error)
+_DAMAGED = (
+    ValueError, OSError, EOFError, LookupError, OverflowError, NotImplementedError, RuntimeError, zipfile.BadZipFile,
+    zlib.error,
+)  # fmt: skip
 _EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # since 1970, whatever the unit: numbers this large are that
 
 
@@ -90,13 +93,6 @@ def recordings_in_table(path: Path, columns: ColumnMap | None) -> list[str]:
     if len(found) > MOST_IDS:
         raise rejection("too-large", f"{path.name} has more than {MOST_IDS} ids in its column {said.id!r}; {REMEDY}.")
     return found
-
-
-def joint_columns(path: Path, columns: ColumnMap | None) -> list[str]:
-    """The columns of a file that may be joints; errors as of `recordings_in_table`."""
-    said = columns or _NO_COLUMNS
-    meaning = meaning_of(path, said)
-    return list(meaning.joints) if meaning.array is None else _array_names(path, meaning.array, said)
 
 
 def fill_from_table(
@@ -461,7 +457,7 @@ def _named_inside(path: Path, width: int) -> list[str]:
 def _archive(path: Path) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(path)
-    except (*_DAMAGED, NotImplementedError) as error:
+    except _DAMAGED as error:
         raise rejection("corrupt", f"{path.name} cannot be read as npz: it is no zip archive.") from error
 
 

@@ -135,7 +135,7 @@ def test_damaged_files_of_lerobot_are_one_sentence(tmp_path: Path, version: str)
 
 # HDF5
 
-hdf5 = pytest.importorskip("h5py", reason="the extra `hdf5` is not installed")
+hdf5: Any = pytest.importorskip("h5py", reason="the extra `hdf5` is not installed")
 
 
 @pytest.mark.parametrize("options", [{}, {"compression": "gzip", "shuffle": True}, {"compression": "lzf"}])
@@ -310,3 +310,28 @@ def test_a_chunk_that_inflates_beyond_its_size_is_refused(tmp_path: Path) -> Non
     write_hdf5(tmp_path / "lift.hdf5", 1, change)
     error = rejected(tmp_path)
     assert (error.reason, "inflates to more than its 244 bytes" in error.detail) == ("too-large", True)
+
+
+def test_a_file_that_ends_the_library_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_hdf5(tmp_path / "lift.hdf5", 1)
+    monkeypatch.setattr("pipeline.formats.recordings.hdf5._PROCESS", "pipeline.formats.recordings.columns")
+    error = rejected(tmp_path)
+    assert (error.reason, "the library gives up" in error.detail) == ("corrupt", True)
+
+
+def test_damaged_hdf5_is_one_sentence(tmp_path: Path) -> None:
+    path = write_hdf5(tmp_path / "lift.hdf5", 1, compression="gzip")
+    content, rng, reasons = path.read_bytes(), np.random.default_rng(3), set()
+    for _ in range(8):
+        data = bytearray(content)
+        for at in rng.integers(8, 4000, 6):
+            data[at] = rng.integers(256)
+        path.write_bytes(data)
+        found = read_folder(tmp_path)
+        reasons |= {one.reason for one in found.unused}
+        for bag in found.bags:
+            try:
+                read_recording(bag)
+            except RecordingError as error:
+                reasons.add(error.reason)
+    assert "corrupt" in reasons

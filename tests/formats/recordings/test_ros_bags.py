@@ -370,3 +370,17 @@ def test_a_database_that_takes_too_long_is_left(database: Path, monkeypatch: pyt
     monkeypatch.setattr("pipeline.formats.recordings.sqlite_bag._INSTRUCTIONS", 10)
     error = rejected(database)
     assert (error.reason, "takes too long" in error.detail) == ("too-large", True)
+
+
+def test_a_damaged_database_is_one_sentence(database: Path) -> None:
+    content, rng, reasons = database.read_bytes(), np.random.default_rng(2), set()
+    for _ in range(150):
+        data = bytearray(content)
+        for at in rng.integers(0, 5000, 5):
+            data[at] = rng.integers(256)
+        database.write_bytes(data)
+        try:
+            read_recording(bag_of(database), joints=NAMES)
+        except RecordingError as error:
+            reasons.add(error.reason)
+    assert "corrupt" in reasons
