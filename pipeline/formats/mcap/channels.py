@@ -34,7 +34,7 @@ _CHANNEL_ID = struct.Struct("<H")
 _MESSAGE_COUNT = struct.Struct("<Q")
 _DECODED_BYTES = 8 << 20  # of messages that are decoded together
 _LAYOUT_STEPS, _MAP_ENTRY_BYTES, _TEXT_BYTES = 40, 8, 16
-_DECODED_STEPS, _DECODED_STEP_BYTES = 5, 50  # of a message that is decoded by itself, and bytes in it for each further
+_DECODED_STEPS, _DECODED_STEP_BYTES = 3, 150  # of a message that is decoded by itself, and bytes in it for each further
 _TRIED = 100  # messages without a pose, after which a channel that does not declare any is left alone
 _ALIKE = 16  # messages in a row that cost a step where they are handed in together
 
