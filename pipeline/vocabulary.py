@@ -19,6 +19,7 @@ INFERRED_MODELS: Mapping[str, str] = {BOLTZMANN: "Boltzmann", LESS: "LESS", ATTR
 LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH = "less-hidden", "less-hidden-own-bandwidth"
 LESS_CLEAN_BANDWIDTH = "less-clean-bandwidth"
 BOLTZMANN_WEIGHTED = "boltzmann-weighted"
+LESS_POOLED, NESTED_LOGIT = "less-pooled", "nested-logit"
 BOLTZMANN_APART, BOLTZMANN_WEIGHTED_APART = "boltzmann-apart", "boltzmann-weighted-apart"
 
 MODELS: Mapping[str, str] = {
@@ -27,6 +28,8 @@ MODELS: Mapping[str, str] = {
     LESS_HIDDEN: "LESS, hidden, same σ",
     LESS_HIDDEN_OWN_BANDWIDTH: "LESS, hidden, own σ",
     LESS_CLEAN_BANDWIDTH: "LESS, clean set's bandwidth",
+    LESS_POOLED: "LESS, density of a larger pool",
+    NESTED_LOGIT: "nested logit",
     BOLTZMANN_WEIGHTED: "Boltzmann, importance weights",
     BOLTZMANN_APART: "Boltzmann, demonstration apart",
     BOLTZMANN_WEIGHTED_APART: "Boltzmann, importance weights, demonstration apart",

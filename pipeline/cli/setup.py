@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.grouping import BRING, COMPUTE, TRUST, Commands
-from pipeline.cli.shared import AsJson, TaskName, this_project
+from pipeline.cli.shared import AsJson, TaskName, tasks, this_project
 from pipeline.terminal import LONGEST_MESSAGE, plain, say, say_json
 
 commands = Commands()
@@ -176,16 +176,28 @@ def remove_task(task: TaskName) -> None:
 
 
 @commands.command(rich_help_panel=COMPUTE)
-def run(task: TaskName) -> None:
+def run(
+    task: Annotated[
+        str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml.", autocompletion=tasks)
+    ] = None,
+) -> None:
     """Run every stage of one task, from its recordings to its figures, whether or not it is out of date.
 
-    Meant for parameters in a file of their own, which `dvc repro` does not see.
+    Meant for parameters in a file of their own, which `dvc repro` does not see. Without a task, all that the overlay
+    names are run; then their sets are drawn again and again, and the catalog and datasets/section_5.html are written.
 
-    Example: `lessbench --overlay mine.yaml run pour`.
+    Examples: `lessbench --overlay mine.yaml run pour`, `lessbench --overlay docs/overlays/jaco_twelve.yaml run`.
     """
-    from pipeline.commands.run import run_task
+    from pipeline.commands.run import run_all, run_task
+    from pipeline.params import overlay_tasks
 
-    run_task(this_project(), task)
+    project = this_project()
+    if task is not None:
+        run_task(project, task)
+    elif project.overlay is not None:
+        run_all(project, overlay_tasks(project.overlay))
+    else:
+        raise typer.BadParameter("name a task, or an overlay whose tasks are run")
 
 
 @commands.command("inspect-project", rich_help_panel=TRUST)

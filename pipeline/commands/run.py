@@ -2,9 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from pipeline.errors import ParameterError
-from pipeline.stages.registry import STAGES, Scope
+from pipeline.stages.registry import STAGES, Scope, stage
 from pipeline.workspace.project import Project
+
+
+def run_all(project: Project, names: Sequence[str]) -> None:
+    """Run the tasks `names` through all stages, draw their sets again and again, and gather what came out.
+
+    Args:
+        project: its parameters have the tasks.
+        names: of the tasks.
+
+    Raises:
+        ParameterError: see `run_task`.
+    """
+    redrawn = project.params.robustness.redraws is not None
+    for name in names:
+        run_task(project, name)
+        if redrawn:
+            stage("redraws").run(project, name)
+    stage("catalog").run(project)
+    if redrawn:
+        stage("section-5").run(project)
 
 
 def run_task(project: Project, name: str) -> None:
@@ -20,6 +42,6 @@ def run_task(project: Project, name: str) -> None:
         raise ParameterError(
             f"robustness.duplicates.set_size is {copied}; it must be one of sample.sizes, {', '.join(map(str, sizes))}"
         )
-    for stage in STAGES:
-        if stage.scope is Scope.TASK:
-            stage.run(project, name)
+    for one in STAGES:
+        if one.scope is Scope.TASK:
+            one.run(project, name)

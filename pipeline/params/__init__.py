@@ -1,7 +1,7 @@
 """params.yaml as frozen, validated objects: every field checked, unknown keys refused, nothing guessed."""
 
 from pipeline.params.paths import fingerprint, value_at
-from pipeline.params.reading import OWN_TASKS, load, own_tasks, parse
+from pipeline.params.reading import OWN_TASKS, load, overlay_tasks, own_tasks, parse
 from pipeline.params.sections import (
     FILE,
     Duplicates,
@@ -30,6 +30,7 @@ __all__ = [
     "ShiftedSampler",
     "Task",
     "fingerprint",
+    "overlay_tasks",
     "load",
     "own_tasks",
     "parse",

@@ -43,6 +43,19 @@ def load(path: Path, overlay: Path | None = None) -> Params:
     return parse(_merged(document, changes), f"{path} with {overlay}")
 
 
+def overlay_tasks(overlay: Path) -> tuple[str, ...]:
+    """The tasks that a file of different parameters names, in its order.
+
+    Raises:
+        ParameterError: it cannot be read, or names no tasks.
+    """
+    changes = _read_yaml(overlay)
+    named = changes.get("tasks") if isinstance(changes, dict) else None
+    if not isinstance(named, dict) or not named:
+        raise ParameterError(f"{overlay}: names no tasks; say which one to run")
+    return tuple(str(name) for name in named)
+
+
 def own_tasks(folder: Path) -> dict[str, str]:
     """Files of single tasks, `tasks/NAME.yaml`, by the name of the task, from the folder of params.yaml.
 

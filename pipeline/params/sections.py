@@ -249,11 +249,17 @@ class Task(_Section):
 
 
 class Simulate(_Section):
-    """The simulated participants."""
+    """The simulated participants.
+
+    Attributes:
+        hand: `measured`: hands wander as those on recordings of people do (see `trajectories/measured_hand.py`);
+            `skilled`: they follow the path they intend, but for small disturbances.
+    """
 
     participants: Annotated[int, Field(strict=True, ge=1, le=10_000)]
     spread_rad: Annotated[float, Field(strict=True, ge=0, le=1)]
     skill: tuple[Share, Share]
+    hand: Literal["measured", "skilled"] = "skilled"
     topic: str
     extra_joints: tuple[str, ...]
     weights: Annotated[dict[Name, Weights], AfterValidator(_frozen)]
@@ -440,23 +446,37 @@ class Duplicates(_Section):
     spreads: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
 
 
+class Redraws(_Section):
+    """Sets that are drawn again and again, see docs/twelve.md.
+
+    Attributes:
+        draws: how often, of `sample.sets` sets of every size each.
+        samplers: each is studied by itself.
+    """
+
+    draws: Annotated[int, Field(strict=True, ge=2, le=1000)]
+    samplers: Annotated[dict[Name, ShiftedSampler], Field(min_length=1), AfterValidator(_frozen)]
+
+
 class Robustness(_Section):
     """The study of how far a posterior depends on the alternatives that were sampled."""
 
     samplers: Annotated[dict[Name, ShiftedSampler], Field(min_length=2), AfterValidator(_frozen)]
     duplicates: Duplicates
     bandwidth_factors: Annotated[tuple[Positive, ...], Field(min_length=1)]
+    redraws: Redraws | None = None
 
     @model_validator(mode="after")
     def _names_and_numbers(self) -> Robustness:
-        simple = [name for name, sampler in self.samplers.items() if sampler.kind != MIXTURE]
-        for name, sampler in self.samplers.items():
-            unknown = sorted(set(sampler.of or ()) - set(simple))
-            if unknown:
-                raise ValueError(
-                    f"robustness.samplers.{name}.of names {unknown[0]!r}; allowed are the others that are no mixtures: "
-                    f"{one_of(simple)}"
-                )
+        for place, samplers in (("", self.samplers), ("redraws.", self.redraws.samplers if self.redraws else {})):
+            simple = [name for name, sampler in samplers.items() if sampler.kind != MIXTURE]
+            for name, sampler in samplers.items():
+                unknown = sorted(set(sampler.of or ()) - set(simple))
+                if unknown:
+                    raise ValueError(
+                        f"robustness.{place}samplers.{name}.of names {unknown[0]!r}; allowed are the others that are "
+                        f"no mixtures: {one_of(simple)}"
+                    )
         if self.duplicates.copied > self.duplicates.set_size:
             raise ValueError(
                 f"robustness.duplicates.copied is {self.duplicates.copied}; a set has {self.duplicates.set_size}"

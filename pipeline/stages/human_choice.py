@@ -10,6 +10,7 @@ from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import write_table
 from pipeline.stages.registry import parameters
 from pipeline.studies.human_choice import analyse_choices, compare_with_paper, counted
+from pipeline.studies.model_evidence import with_uncertain_control
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.people import identity
 from pipeline.workspace.project import Project, recorded_run
@@ -29,7 +30,7 @@ def run(project: Project) -> None:
         choices = read_choices(source)
         study = analyse_choices(choices, settings.options, settings.alpha)
         stated = provenance(project, parameters("human-choice"), [source])
-        tables = {"control": study.control, "predictions": study.predictions, "tests": study.tests}
+        tables = {"control": study.control, "predictions": study.predictions, "tests": with_uncertain_control(study)}
         paper = compare_with_paper(study) if settings.compare_with_paper else pl.DataFrame(schema=PAPER)
         for name, table in (tables | {"paper": paper}).items():
             write_table(project.table(STUDIES, f"human_choice_{name}"), f"human_choice_{name}", table, stated)

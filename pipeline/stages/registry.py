@@ -84,8 +84,8 @@ STAGES = (
         parameters=(
             "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
             "tasks.{task}.preferences",
-            "simulate.participants", "simulate.spread_rad", "simulate.skill", "simulate.topic", "simulate.extra_joints",
-            "simulate.weights.{task}", "ingest.waypoints",
+            "simulate.participants", "simulate.spread_rad", "simulate.skill", "simulate.hand", "simulate.topic",
+            "simulate.extra_joints", "simulate.weights.{task}", "ingest.waypoints",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/recordings",),
@@ -261,6 +261,27 @@ STAGES = (
     ),
 )  # fmt: skip
 BY_COMMAND = (
+    Stage(
+        "redraws", Scope.TASK, "study redraws", "pipeline.stages.redraws",
+        parameters=(
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
+            "tasks.{task}.anchor", "tasks.{task}.features", "tasks.{task}.preferences", "tasks.{task}.thetas",
+            "ingest.waypoints", "sample.sizes", "sample.sets", "sample.deformation.modes", "sample.planner.width_rad",
+            "density.bandwidth", "infer.theta_values", "infer.betas", "robustness.redraws",
+        ),
+        reads=("demonstrations", "features", "scales", "choice_space", "explored"),
+        inputs=(SCENE,),
+        makes=(
+            "redraws", "redraws_anova", "redraws_post_hoc", "redraws_leads", "redraws_held_out",
+            "redraws_held_out_leads", "redraws_positions",
+        ),
+        features=True,
+    ),
+    Stage(
+        "section-5", Scope.PROJECT, "study section-5", "pipeline.stages.section_5",
+        inputs=("datasets/{task}/tables",),
+        outputs=("datasets/section_5.html", "datasets/studies/section_5_figures"),
+    ),
     Stage(
         "import-trips", Scope.STUDIES, "import trips", "pipeline.commands.import_trips",
         makes=("trips_network", "trips_observed"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 
 import numpy as np
@@ -18,15 +17,15 @@ from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.registry import parameters
 from pipeline.studies.posteriors import PART_ROWS, hypotheses
-from pipeline.studies.robustness.divergence import true_direction
 from pipeline.studies.robustness.duplicates import inject_duplicates
-from pipeline.studies.robustness.problem import ChoiceSets, Demonstrations, Problem
+from pipeline.studies.robustness.problem import ChoiceSets, Problem
 from pipeline.studies.robustness.samplings import COMPARED, RobustnessResult, compare_samplings
 from pipeline.studies.robustness.sensitivity import vary_choices
 from pipeline.studies.robustness.tests import ANOVA, POST_HOC, analyse_regime, summarise
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.vocabulary import INDEPENDENT, KNOWN_DENSITY, SAMPLER_SHIFT, WORKING
 from pipeline.workspace.anchors import anchor_keys
+from pipeline.workspace.choice_sets import demonstrations_of
 from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, Run, recorded_run
 from pipeline.workspace.provenance import provenance
@@ -78,7 +77,7 @@ def _tables(
     scale = scales["scale"].to_numpy()
     people = sources["demonstrations"].read([*PEOPLE, "waypoints"])
     problem = Problem(
-        _demonstrations(people, own, features.names, scale),
+        demonstrations_of(sources)[0],
         {
             INDEPENDENT: _choice_sets(alternatives, features.names, scale),
             SAMPLER_SHIFT: _choice_sets(shifted, features.names, scale),
@@ -141,21 +140,6 @@ def _featurized(alternatives: pl.DataFrame, features: FeatureSet) -> pl.DataFram
     values = features.evaluate(alternatives["waypoints"].to_numpy().astype(np.float64))
     return alternatives.drop("waypoints", "sampler").with_columns(
         pl.Series(name, values[:, f]) for f, name in enumerate(features.names)
-    )
-
-
-def _demonstrations(
-    people: pl.DataFrame, own: pl.DataFrame, names: tuple[str, ...], scale: FloatArray
-) -> Demonstrations:
-    rows = people.join(
-        own.filter(kind="demonstration"), left_on="demonstration_id", right_on="id", maintain_order="left"
-    )
-    stated = [None if text is None else json.loads(text) for text in people["true_theta"]]
-    return Demonstrations(
-        tuple(people["demonstration_id"]),
-        tuple(people["participant"]),
-        rows.select(names).to_numpy() / scale,
-        tuple(None if weights is None else true_direction(weights, names, scale) for weights in stated),
     )
 
 

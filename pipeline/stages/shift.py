@@ -111,7 +111,7 @@ def run(project: Project, name: str) -> None:
 def draw_shifted(job: Shifted) -> Drawn:
     """All sets of one anchor."""
     room, ends = job.ends.room(), job.ends
-    samplers, found = _samplers(job, room)
+    samplers, found = named_samplers(job, room, ("shift-planner", ends.key))
     for label, sampler in samplers.items():
         try:
             found.sets[label] = [_set(job, room, label, sampler, size) for size in job.settings.sizes]
@@ -127,9 +127,16 @@ def _set(job: Shifted, room: Room, label: str, sampler: Sampler, size: int) -> R
     return rows, sampling_rows(draw.tallies, job.ends.label, size, label)
 
 
-def _samplers(job: Shifted, room: Room) -> tuple[dict[str, Sampler], Drawn]:
-    """Each by its name. All deform with the same modes, so that their densities are of the same amplitudes; a mixture
-    picks a sampler before anything is discarded, so that its density is known.
+def named_samplers(job: Shifted, room: Room, stream: tuple[str, ...]) -> tuple[dict[str, Sampler], Drawn]:
+    """Each by its name, and those that cannot draw here.
+
+    All deform with the same modes, so that their densities are of the same amplitudes; a mixture picks a sampler before
+    anything is discarded, so that its density is known.
+
+    Args:
+        job: the samplers, and what they draw for.
+        room: of the job's ends.
+        stream: labels of the random numbers that paths are planned with.
     """
     planning = Planning.of(room, json.loads(job.preferences), job.waypoints)
     simple, found = dict[str, Sampler](), Drawn({}, {}, [])
@@ -140,9 +147,8 @@ def _samplers(job: Shifted, room: Room) -> tuple[dict[str, Sampler], Drawn]:
         elif spec.reach_rad is not None:
             simple[label] = ViaPoint(spec.reach_rad, name=label)
         elif spec.paths is not None:
-            labels = ("shift-planner", job.ends.key, label)
             try:
-                planner, notes = planned_sampler(planning, job.settings, spec.paths, job.seed, *labels)
+                planner, notes = planned_sampler(planning, job.settings, spec.paths, job.seed, *stream, label)
             except StageError as error:
                 found.absent[label] = f"anchor {job.ends.label!r}: {error}"
                 continue

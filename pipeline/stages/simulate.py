@@ -11,6 +11,7 @@ from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.mcap.writer import METADATA, write_joint_states
 from pipeline.replay.planning import Planning
 from pipeline.replay.room import Room, task_anchor
+from pipeline.trajectories.measured_hand import draw_habit
 from pipeline.trajectories.participants import Driver, Hand, demonstrate, draw_participants, driver_messages
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.workspace.progress import tracked
@@ -20,6 +21,7 @@ from pipeline.workspace.trust import register_task_kinds
 
 FIRST_NS = 1_584_950_400_000_000_000  # 2020-03-23 08:00 UTC; each participant comes ten minutes later
 SLOT_NS = 600_000_000_000
+MEASURED = "measured"  # of simulate.hand
 
 
 def run(project: Project, name: str) -> None:
@@ -57,8 +59,9 @@ def run(project: Project, name: str) -> None:
             pairs = list(zip(people, planned, strict=True))
             for place, (person, path) in enumerate(tracked(pairs, f"simulate {name}")):
                 rng = child_rng(seed, "simulate", wanted, person.name, "hand")
+                habit = draw_habit(rng) if settings.hand == MEASURED else None
                 motion = demonstrate(
-                    rng, path, person.skill, Hand(),
+                    rng, path, person.skill, Hand(), habit,
                     lower=scene.lower, upper=scene.upper, admissible=room.admissible,
                 )  # fmt: skip
                 log = driver_messages(rng, motion, driver, FIRST_NS + place * SLOT_NS)
@@ -69,6 +72,7 @@ def run(project: Project, name: str) -> None:
                     "simulated": "true",
                     "true_theta": json.dumps(truth),
                     "skill": repr(person.skill),
+                    **({} if habit is None else {"length": repr(habit.length), "unevenness": repr(habit.unevenness)}),
                 }
                 write_joint_states(
                     folder / f"{person.name}.mcap", log.time_ns, log.names, log.positions,

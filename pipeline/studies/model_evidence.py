@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray, IndexArray
-from pipeline.choice import LESS
+from pipeline.choice import LESS, Boltzmann
 from pipeline.errors import ArgumentError
 from pipeline.studies.human_choice import HumanChoiceStudy
 
@@ -72,6 +72,58 @@ def evidence(study: HumanChoiceStudy, alpha: float = 0.05, power: float = 0.8) -
         {model: math.exp(value - top) / total for model, value in log_evidence.items()},
         {model: _more(model, predicted, int(counts.sum()), alpha, power) for model in models},
     )
+
+
+def with_uncertain_control(study: HumanChoiceStudy) -> pl.DataFrame:
+    """The study's tests, with what they become when the control trial's shares are estimates, as they are.
+
+    The paper's chi-square takes the control trial's shares as known. The likelihood ratio test estimates them from both
+    trials together: G^2 = 2 (log L of each trial's own shares - log L of the model's best shares), chi-square with as
+    many degrees of freedom as the experimental trial has (Wilks 1938).
+
+    Returns:
+        The table `tests` with `likelihood_ratio` (G^2), `p_uncertain_control`, and `log_bayes_factor`: the log of how
+        many times more probable the choices are under the model than under Boltzmann (see `evidence`).
+    """
+    from scipy.stats import chi2
+
+    control = study.control["count"].to_numpy().astype(float)
+    groups, rows = study.control["group"].to_list(), []
+    for row in study.tests.iter_rows(named=True):
+        cells = study.predictions.filter(comparison=row["comparison"], model=row["model"])
+        counts = cells["count"].to_numpy().astype(float)
+        options = study.predictions.filter(comparison="options", model=row["model"])["group"]
+        sizes = np.array([int((options == group).sum()) for group in groups])
+        member = np.array([groups.index(group) for group in cells["group"]])
+        weight = np.ones(len(member))
+        if row["comparison"] == "groups" and row["model"] != LESS.name:
+            weight = sizes[member].astype(float)
+        elif row["comparison"] == "options" and row["model"] == LESS.name:
+            weight = 1.0 / sizes[member]
+        ratio = _likelihood_ratio(control, counts, member, weight)
+        rows.append({"likelihood_ratio": ratio, "p_uncertain_control": float(chi2.sf(ratio, len(counts) - 1))})
+    added = pl.DataFrame(rows)
+    found = evidence(study).log_evidence
+    factors = [found[model] - found[Boltzmann.name] for model in study.tests["model"]]
+    return study.tests.with_columns(added["likelihood_ratio"], added["p_uncertain_control"]).with_columns(
+        log_bayes_factor=pl.Series(factors)
+    )
+
+
+def _likelihood_ratio(control: FloatArray, counts: FloatArray, member: IndexArray, weight: FloatArray) -> float:
+    """G^2 of experimental counts whose probabilities are weight * share of the member's group, up to their sum."""
+    from scipy.optimize import minimize
+    from scipy.special import xlogy
+
+    def negative(logits: FloatArray) -> float:
+        log_shares = logits - np.logaddexp.reduce(logits)
+        log_p = np.log(weight) + log_shares[member]
+        return float(-(control @ log_shares + counts @ (log_p - np.logaddexp.reduce(log_p))))
+
+    start = np.log(control + 0.5)
+    best = minimize(negative, start, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12, "maxiter": 20_000})
+    own = float(xlogy(control, control / control.sum()).sum() + xlogy(counts, counts / counts.sum()).sum())
+    return max(0.0, 2 * (own + float(best.fun)))
 
 
 def people_needed(truth: FloatArray, other: FloatArray, alpha: float, power: float) -> int | None:

@@ -274,3 +274,67 @@ def _log_odds_ratios(design: _Design) -> tuple[FloatArray, ...]:
     half_width = float(ndtri(0.975)) * errors
     low, high = np.exp(estimates - half_width), np.exp(estimates + half_width)
     return estimates, errors, z, 2 * ndtr(-np.abs(z)), np.exp(estimates), low, high
+
+
+@dataclass(frozen=True)
+class CrossedLead:
+    """The mean of values that depend on who was asked and on what was drawn.
+
+    Attributes:
+        draws, people: how many.
+        mean: over both.
+        low, high: 95 % interval over both; over the draws alone if there is one person.
+        sd_people, sd_draws: standard deviations of the two random effects; the first is None with one person.
+        p_paired: t test of the people's means over the draws against 0; None with one person.
+        share_below: of the draws, those whose mean is below 0.
+    """
+
+    draws: int
+    people: int
+    mean: float
+    low: float
+    high: float
+    sd_people: float | None
+    sd_draws: float
+    p_paired: float | None
+    share_below: float
+
+
+def crossed_lead(values: FloatArray) -> CrossedLead:
+    """The mean of (draws, people) values with an interval over both, as two crossed random effects.
+
+    value = mean + draw + person + rest. With the mean squares of the balanced layout, MS_p of n people, MS_d of D draws
+    and MS_e of what is left over, (MS_p + MS_d - MS_e) / (n D) estimates the variance of the mean, on Satterthwaite's
+    degrees of freedom (Searle, Casella and McCulloch, "Variance Components", 1992, chapter 4). Where the estimate falls
+    below what one effect alone gives, that one is taken, which errs to the wide side.
+
+    Args:
+        values: (D, n); with one person, D draws of one value.
+
+    Raises:
+        ArgumentError: values is not such a table of finite numbers, or there is one draw.
+    """
+    from scipy.special import stdtr, stdtrit
+
+    if values.ndim != 2 or len(values) < 2 or not np.isfinite(values).all():
+        raise ArgumentError(f"values have shape {values.shape}; finite (draws, people) with two or more draws needed.")
+    count, n = values.shape
+    mean, of_draws, of_people = float(values.mean()), values.mean(axis=1), values.mean(axis=0)
+    sd_people = p_paired = None
+    if n > 1:
+        rest = values - of_draws[:, None] - of_people + mean
+        error = float((rest**2).sum()) / ((count - 1) * (n - 1))
+        by_draw, by_person = n * float(of_draws.var(ddof=1)), count * float(of_people.var(ddof=1))
+        square = max(by_draw + by_person - error, by_draw, by_person)
+        spread = by_draw**2 / (count - 1) + by_person**2 / (n - 1) + error**2 / ((count - 1) * (n - 1))
+        df = square**2 / spread if spread > 0 else float("inf")
+        sd_people = sqrt(max(by_person - error, 0.0) / count)
+        sd_draws = sqrt(max(by_draw - error, 0.0) / n)
+        error_of_people = float(of_people.std(ddof=1)) / sqrt(n)
+        p_paired = 2 * float(stdtr(n - 1, -abs(mean) / error_of_people)) if error_of_people > 0 else None
+    else:
+        square, df = float(of_draws.var(ddof=1)), float(count - 1)
+        sd_draws = sqrt(square)
+    half_width = float(stdtrit(df, 0.975)) * sqrt(square / (count * n))
+    below = float((of_draws < 0).mean())
+    return CrossedLead(count, n, mean, mean - half_width, mean + half_width, sd_people, sd_draws, p_paired, below)

@@ -13,6 +13,7 @@ import numpy as np
 
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, StageError
+from pipeline.trajectories.measured_hand import Habit, uneven_speed, wandering
 from pipeline.trajectories.paths import (
     Admissible,
     frozen,
@@ -185,6 +186,7 @@ def demonstrate(
     path: FloatArray,
     skill: float,
     hand: Hand,
+    habit: Habit | None = None,
     *,
     lower: FloatArray,
     upper: FloatArray,
@@ -200,6 +202,8 @@ def demonstrate(
         path: (T, J) the path that the participant intends.
         skill: 0 to 1, see `Participant`.
         hand: the disturbances.
+        habit: how far and how unevenly the person moves; with it the hand wanders as measured, instead of drifting by
+            `hand.drift_rad`.
         lower, upper: (J,) joint limits (rad), infinite for a continuous joint.
         admissible: from (N, M, J) positions to (N,) whether the scene allows each; called with one motion at a time.
 
@@ -212,7 +216,7 @@ def demonstrate(
             f"path has shape {path.shape} and skill is {skill}; needed are finite (T, J), T >= 2, and 0 to 1."
         )
     for _ in range(_ATTEMPTS):
-        motion = _disturbed(rng, path, 2 * (1 - skill), hand)
+        motion = _disturbed(rng, path, 2 * (1 - skill), hand, habit)
         positions = motion.positions[None]
         if within_limits(positions, lower, upper)[0] and admissible(positions)[0]:
             return motion
@@ -263,7 +267,7 @@ def _turned(rng: np.random.Generator, unit: FloatArray, spread_rad: float) -> Fl
             return theta
 
 
-def _disturbed(rng: np.random.Generator, path: FloatArray, amplitude: float, hand: Hand) -> Motion:
+def _disturbed(rng: np.random.Generator, path: FloatArray, amplitude: float, hand: Hand, habit: Habit | None) -> Motion:
     """A motion along the path with disturbances of `amplitude` times those of `hand`."""
     from scipy.interpolate import CubicSpline
 
@@ -271,24 +275,30 @@ def _disturbed(rng: np.random.Generator, path: FloatArray, amplitude: float, han
     duration_s = rng.uniform(*hand.duration_s)
     samples = int(np.ceil(duration_s * _MOTION_HZ)) + 1
     time_s = np.linspace(0.0, duration_s, samples)
-    progress = _progress(rng, samples, hand)
+    places, drift_rad = np.linspace(0.0, 1.0, len(path)), hand.drift_rad
+    if habit is not None:
+        path, drift_rad = wandering(rng, path, habit.length), 0.0
+        along = np.concatenate([[0.0], np.cumsum(np.sqrt((np.diff(path, axis=0) ** 2).sum(axis=1)) + 1e-12)])
+        places = along / along[-1]  # so that the speed of the hand is that of its progress
+    progress = _progress(rng, samples, hand, habit)
     drift = sine_basis(samples, 6, 1.0).T @ rng.standard_normal((6, joints))
     ends = rng.standard_normal((2, joints))
     misplacement = (1 - progress)[:, None] * ends[0] + progress[:, None] * ends[1]
-    positions = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)(progress) + amplitude * (
-        hand.drift_rad * drift
-        + hand.misplacement_rad * misplacement
-        + hand.tremor_rad * _tremor(rng, time_s, joints, hand)
+    positions = CubicSpline(places, path)(progress) + amplitude * (
+        drift_rad * drift + hand.misplacement_rad * misplacement + hand.tremor_rad * _tremor(rng, time_s, joints, hand)
     )
     return Motion(frozen(time_s), frozen(positions))
 
 
-def _progress(rng: np.random.Generator, samples: int, hand: Hand) -> FloatArray:
+def _progress(rng: np.random.Generator, samples: int, hand: Hand, habit: Habit | None) -> FloatArray:
     """(M,) the fraction of the path that is covered: from 0 to 1, never decreasing, at rest at both ends."""
     s = np.linspace(0.0, 1.0, samples)
     to_end = np.minimum(s, 1 - s) / hand.ramp
     ramp = 0.5 - 0.5 * np.cos(np.pi * np.minimum(to_end, 1.0))
-    speed = ramp * np.exp(hand.speed_variation * (rng.standard_normal(4) @ sine_basis(samples, 4, 1.0)))
+    if habit is not None:
+        speed = uneven_speed(rng, ramp, habit.unevenness)
+    else:
+        speed = ramp * np.exp(hand.speed_variation * (rng.standard_normal(4) @ sine_basis(samples, 4, 1.0)))
     distance = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2)])
     fraction: FloatArray = distance / distance[-1]
     return fraction

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -11,6 +12,8 @@ import polars as pl
 from pipeline.arrays import FloatArray
 from pipeline.errors import StageError
 from pipeline.formats.parquet.task_tables import TaskTables
+from pipeline.studies.robustness.divergence import true_direction
+from pipeline.studies.robustness.problem import Demonstrations
 from pipeline.vocabulary import LESS, TASK_ANCHOR, WORKING
 
 FURTHER = SHIFTED, EXPLORED = "shifted_features", "explored"
@@ -118,6 +121,27 @@ def read_choices(tables: TaskTables, further: Collection[str] = ()) -> Chosen:
     others = _others(tables, names, set(wanted)) if SHIFTED in further else ()
     explored = _explored(tables) if EXPLORED in further else ()
     return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others, explored)
+
+
+def demonstrations_of(tables: TaskTables) -> tuple[Demonstrations, pl.DataFrame, tuple[str, ...]]:
+    """The demonstrations of a task in scaled features, the table scales, and the names of the features.
+
+    Args:
+        tables: demonstrations, features and scales.
+    """
+    scales = tables["scales"].read()
+    names, scale = tuple(scales["feature"]), scales["scale"].to_numpy()
+    people = tables["demonstrations"].read(["demonstration_id", "participant", "true_theta"])
+    own = tables["features"].read(["kind", "id", *names], where=pl.col("kind") == "demonstration")
+    rows = people.join(own, left_on="demonstration_id", right_on="id", maintain_order="left")
+    stated = [None if text is None else json.loads(text) for text in people["true_theta"]]
+    found = Demonstrations(
+        tuple(people["demonstration_id"]),
+        tuple(people["participant"]),
+        rows.select(names).to_numpy() / scale,
+        tuple(None if weights is None else true_direction(weights, names, scale) for weights in stated),
+    )
+    return found, scales, names
 
 
 def _explored(tables: TaskTables) -> tuple[tuple[FloatArray, FloatArray], ...]:

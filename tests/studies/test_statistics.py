@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from itertools import combinations, product
 
@@ -9,12 +10,13 @@ import numpy as np
 import pandas
 import polars as pl
 import pytest
+from scipy import stats
 from scipy.stats import f as fisher
 from scipy.stats import studentized_range, ttest_1samp, ttest_rel
 
 from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
-from pipeline.studies.statistics import repeated_logistic, repeated_measures_anova, tukey_hsd
+from pipeline.studies.statistics import crossed_lead, repeated_logistic, repeated_measures_anova, tukey_hsd
 from tests.oracles.slow_statistics import logit_factorial, two_way_f, two_way_sphericity
 
 
@@ -257,3 +259,49 @@ def test_refusals() -> None:
     wide = long(np.random.default_rng(0).integers(0, 2, (5, 3, 1)).astype(np.float64))
     with pytest.raises(ArgumentError, match="takes two"):
         repeated_logistic(wide, "y", ["a"], "s")
+
+
+def test_the_lead_over_draws_and_people_against_a_mixed_model_written_out() -> None:
+    """Values whose mean squares are known: two-way layout without replication."""
+    values = np.array([[1.0, 2.0, 6.0], [2.0, 4.0, 9.0], [0.0, 3.0, 3.0], [1.0, 3.0, 6.0]])
+    lead = crossed_lead(values)
+    mean = values.mean()
+    by_draw = 3 * sum((row.mean() - mean) ** 2 for row in values) / 3
+    by_person = 4 * sum((column.mean() - mean) ** 2 for column in values.T) / 2
+    rest = sum(
+        (values[d, p] - values[d].mean() - values[:, p].mean() + mean) ** 2 for d in range(4) for p in range(3)
+    ) / 6  # fmt: skip
+    assert (lead.draws, lead.people, lead.mean) == (4, 3, pytest.approx(mean))
+    assert lead.sd_people == pytest.approx(math.sqrt((by_person - rest) / 4))
+    assert lead.sd_draws == pytest.approx(math.sqrt(max(by_draw - rest, 0) / 3))
+    square = by_draw + by_person - rest
+    df = square**2 / (by_draw**2 / 3 + by_person**2 / 2 + rest**2 / 6)
+    half = stats.t.ppf(0.975, df) * math.sqrt(square / 12)
+    assert (lead.low, lead.high) == (pytest.approx(mean - half), pytest.approx(mean + half))
+    assert lead.p_paired == pytest.approx(stats.ttest_1samp(values.mean(axis=0), 0).pvalue)
+    assert lead.share_below == 0
+
+
+def test_its_intervals_cover_the_mean_as_often_as_they_say() -> None:
+    """400 simulated studies of 20 draws and 12 people, with effects of either and of both."""
+    rng = np.random.default_rng(9)
+    for sd_people, sd_draws in ((0.3, 0.05), (0.05, 0.5), (0.3, 0.3)):
+        covered = 0
+        for _ in range(400):
+            values = (
+                0.2 + sd_people * rng.normal(size=12) + sd_draws * rng.normal(size=(20, 1))
+                + 0.2 * rng.normal(size=(20, 12))
+            )  # fmt: skip
+            lead = crossed_lead(values)
+            covered += lead.low <= 0.2 <= lead.high
+        assert 0.92 <= covered / 400 <= 0.99  # 95 % with a standard error of 1.1 %
+
+
+def test_draws_of_one_value() -> None:
+    values = np.array([[1.0], [2.0], [4.0]])
+    lead = crossed_lead(values)
+    low, high = stats.t.interval(0.95, 2, loc=7 / 3, scale=stats.sem(values[:, 0]))
+    assert (lead.low, lead.high) == (pytest.approx(low), pytest.approx(high))
+    assert (lead.sd_people, lead.p_paired) == (None, None)
+    with pytest.raises(ArgumentError, match="two or more draws"):
+        crossed_lead(values[:1])

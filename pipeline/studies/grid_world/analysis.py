@@ -30,7 +30,10 @@ class GridWorldAnalysis:
         hypotheses: one row per hypothesis and sampling model: `hypothesis`, `sampling_model`, `expected` and `other`
             (the inference models), `posterior_expected`, `posterior_other`, `posterior_p_value`, `match_expected`,
             `match_other`, `match_odds_ratio` (expected over other), `match_p_value`, `supported` (the expected model is
-            better in both measures, each at the 0.05 level).
+            better in both measures, each at the 0.05 level); and with theta as a random unit, as its sets are no more
+            than repetitions: `thetas`, `thetas_ahead` (those for which the expected model has the higher mean
+            posterior), `theta_lead_least` and `theta_lead_most` (of these means), `theta_lead_low` and
+            `theta_lead_high` (95 % interval of their mean over thetas) and `theta_p_value` (paired t test).
     """
 
     summary: pl.DataFrame
@@ -78,6 +81,8 @@ class _Tables(NamedTuple):
 
 
 def _hypothesis(name: str, sampling_model: str, tables: _Tables, expected: str) -> dict[str, object]:
+    from scipy.stats import ttest_1samp
+
     other = BOLTZMANN if expected == LESS else LESS
     overall = tables.summary.filter((pl.col("sampling_model") == sampling_model) & pl.col("theta_id").is_null())
     posterior, match = (
@@ -93,6 +98,14 @@ def _hypothesis(name: str, sampling_model: str, tables: _Tables, expected: str) 
     if odds_ratio is not None and expected == BOLTZMANN:
         odds_ratio = 1.0 / odds_ratio
     ahead = posterior[expected] > posterior[other] and match[expected] > match[other]
+    by_theta = tables.summary.filter((pl.col("sampling_model") == sampling_model) & pl.col("theta_id").is_not_null())
+    means = {
+        model: by_theta.filter(inference_model=model).sort("theta_id")["true_posterior"].to_numpy()
+        for model in (expected, other)
+    }
+    leads = means[expected] - means[other]
+    test = ttest_1samp(leads, 0.0)
+    low, high = test.confidence_interval(0.95)
     return {
         "hypothesis": name,
         "sampling_model": sampling_model,
@@ -106,6 +119,13 @@ def _hypothesis(name: str, sampling_model: str, tables: _Tables, expected: str) 
         "match_odds_ratio": odds_ratio,
         "match_p_value": logit["p_value"],
         "supported": ahead and p_value < ALPHA and logit["p_value"] is not None and logit["p_value"] < ALPHA,
+        "thetas": len(leads),
+        "thetas_ahead": int((leads > 0).sum()),
+        "theta_lead_least": float(leads.min()),
+        "theta_lead_most": float(leads.max()),
+        "theta_lead_low": float(low),
+        "theta_lead_high": float(high),
+        "theta_p_value": float(test.pvalue),
     }
 
 
