@@ -46,5 +46,5 @@ besides = $$(sed -nE 's/^([a-z0-9.-]+)==.*/--no-emit-package \1/p' $(1)) $(1:%=-
 locks:
 	echo "setuptools>=80" | $(LOCK) - --output-file $(RUN_LOCK)
 	$(LOCK) --extra cluster $(call besides,$(RUN_LOCK)) --output-file requirements-cluster.lock
-	$(LOCK) --extra cluster --extra dev $(call besides,$(RUN_LOCK) requirements-cluster.lock) --output-file requirements-dev.lock
+	$(LOCK) --extra cluster --extra ros --extra hdf5 --extra dev $(call besides,$(RUN_LOCK) requirements-cluster.lock) --output-file requirements-dev.lock
 	python docs/make_licences.py

@@ -16,8 +16,10 @@ PAGE = ROOT / "docs" / "licences.md"
 LOCKS = {
     "run": ("requirements.lock", "What the pipeline needs"),
     "cluster": ("requirements-cluster.lock", "What computing on many machines needs besides"),
-    "dev": ("requirements-dev.lock", "What the tests need besides"),
+    "dev": ("requirements-dev.lock", "What the tests need besides, and what the extras `ros` and `hdf5` bring"),
 }
+TESTED = ("ros", "hdf5")
+"""Extras that the lock of the tests has, too."""
 PARTS = {
     "polars": {"polars-runtime-32"},
     "mujoco": {"mujoco-core", "mujoco-studio"},
@@ -77,7 +79,12 @@ USED_FOR = {
     "statsmodels": "the peer of the logistic regression",
     "scikit-learn": "the peer of the density, in tests and benchmarks",
     "mcap-ros2-support": "the peer of reading recordings, in tests and benchmarks",
+    "mcap-ros1-support": "writes ROS 1 messages in MCAP for the tests",
+    "mcap-protobuf-support": "writes Protobuf channels in MCAP for the tests",
     "scipy-stubs": "types",
+    "rosbags": "bags of ROS 1, planned motions; writes bags for the tests (extra `ros`)",
+    "protobuf": "recordings in Protobuf (extra `ros`)",
+    "h5py": "recordings in HDF5 (extra `hdf5`)",
 }
 
 
@@ -96,7 +103,8 @@ def direct(name: str) -> set[str]:
     project = asked["project"]
     if name == "run":
         return _names([*asked["build-system"]["requires"], *project["dependencies"]])
-    return _names(project["optional-dependencies"][name])
+    extras = (name, *TESTED) if name == "dev" else (name,)
+    return _names(one for extra in extras for one in project["optional-dependencies"][extra])
 
 
 def page() -> str:

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.grouping import BRING, COMPUTE, TRUST, Commands
-from pipeline.cli.shared import TaskName, tasks, this_project
-from pipeline.terminal import LONGEST_MESSAGE, plain, say
+from pipeline.cli.shared import AsJson, TaskName, tasks, this_project
+from pipeline.terminal import LONGEST_MESSAGE, plain, say, say_json
 
 commands = Commands()
 FURTHEST_M = 100.0  # that an object may be away
@@ -19,21 +19,31 @@ FURTHEST_M = 100.0  # that an object may be away
 
 @commands.command(rich_help_panel=BRING)
 def check(
-    files: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="MCAP files.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="RECORDING...", help="Files, folders of recordings, and datasets.")
+    ],
     task: Annotated[str | None, typer.Option(help="Also ask whether the task's joints are in it.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Say what each recording holds, whether it can be used, and if not why. Exit status 1 if any cannot.
 
-    Example: `lessbench check my_recordings/*.mcap --task table`.
+    Example: `lessbench check my_recordings --task table`, or `lessbench check demo.hdf5 --json`. What is read is in
+    docs/recordings.md.
     """
-    from pipeline.commands.check import report
+    from pipeline.commands.check import checked
 
+    found = []
     usable = True
     for path in files:
-        lines, good = report(path, this_project() if task else None, task)
-        for line in lines:
-            say(line)
-        usable &= good
+        for one in checked(path, this_project() if task else None, task):
+            usable &= one.usable
+            if as_json:
+                found.append(one.as_json())
+                continue
+            for line in one.text():
+                say(line)
+    if as_json:
+        say_json(found)
     if not usable:
         raise typer.Exit(1)
 
@@ -65,6 +75,12 @@ def new_task(
         list[str] | None,
         typer.Option(metavar="RECORDED=SCENE", help="What the scene calls a joint of the recordings; once for each."),
     ] = None,
+    reading: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY=VALUE", help="What tables and datasets mean, such as time=t or unit=deg; once for each."
+        ),
+    ] = None,
     own_file: Annotated[
         bool, typer.Option("--own-file", help="Write it into tasks/NAME.yaml, which no update of the program touches.")
     ] = False,
@@ -84,7 +100,10 @@ def new_task(
     if (scene is None) == (arm is None) or (arm is None and (table or object_)):
         raise ParameterError("name either --scene, or --arm, which --table and --object go with")
     project, names = this_project(), _joint_names(joint_name or ())
-    wishes = Wishes(name, scene or Path(), recordings, end_effector, tuple(joint or ()), names, own_file=own_file)
+    wishes = Wishes(
+        name, scene or Path(), recordings, end_effector, tuple(joint or ()), names, reading=_reading(reading or ()),
+        own_file=own_file,
+    )  # fmt: skip
     if arm is None:
         lines = add_task(project, wishes)
     else:
@@ -108,6 +127,20 @@ def _joint_names(pairs: Iterable[str]) -> dict[str, str]:
         if not (recorded and equals and ours):
             raise ParameterError(f"--joint-name is {pair!r}; write RECORDED=SCENE, such as fr3_joint1=panda_joint1")
         found[recorded] = ours
+    return found
+
+
+def _reading(pairs: Iterable[str]) -> dict[str, object]:
+    from pipeline.errors import ParameterError
+
+    found: dict[str, object] = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not (key and equals and value):
+            raise ParameterError(f"--reading is {pair!r}; write KEY=VALUE, such as time=t, unit=deg or joints=q1,q2")
+        found[key] = value.split(",") if key == "joints" else value
+        if key == "rate_hz" and re.fullmatch(r"\d{1,9}(\.\d{1,9})?", value):
+            found[key] = float(value)
     return found
 
 

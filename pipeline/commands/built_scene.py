@@ -81,7 +81,9 @@ def _shared_ends(
 ) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
     """Start and goal that all recordings have, as nearly as ingest asks for; none if they have not."""
     settings = project.params.ingest
-    rows = collect(wishes.recordings, Intake(wishes.name, scene, settings, False, joint_names=names)).rows
+    rows = collect(
+        wishes.recordings, Intake(wishes.name, scene, settings, False, joint_names=names, reading=wishes.said)
+    ).rows
     if not rows:
         return {}
     ends = np.stack([row["waypoints"][[0, -1]] for row in rows])  # (n, 2, J)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from pipeline import params
 from pipeline.commands.task_checks import Choice, chosen_anchor
 from pipeline.commands.task_files import DvcFile
@@ -16,6 +18,7 @@ from pipeline.replay.arm_proposal import UnknownArm, hand_of_scene, joints_elsew
 from pipeline.replay.scene import Scene, load_scene, scene_files
 from pipeline.stages.registry import stage
 from pipeline.vocabulary import RESERVED_FOLDERS
+from pipeline.workspace.demonstrations import column_map
 from pipeline.workspace.joint_names import matched_names, renamed
 from pipeline.workspace.params_edits import entry_text, with_entry
 from pipeline.workspace.project import Project
@@ -29,6 +32,7 @@ COMMENTS = {
     "joint_names": "name in the recordings: name in the scene",
     "surface": "site that sampled paths stay above; null: none",
     "collisions": "true: paths may touch nothing, by MuJoCo's contacts",
+    "reading": "what tables, datasets and file names mean",
     "anchor": "alternatives go from start to goal; or demonstration: as each does",
     "features": "what may matter to the person",
     "preferences": "what the planner sampler plans for",
@@ -48,6 +52,7 @@ class Wishes:
         joints: names of the arm's joints in the scene, in order.
         joint_names: name in the recordings: name in the scene.
         objects: bodies, nearness to which may matter.
+        reading: what the recordings do not say themselves, as it stands in the task.
         own_file: whether it is to stand in `tasks/NAME.yaml` and not in params.yaml.
     """
 
@@ -58,7 +63,27 @@ class Wishes:
     joints: tuple[str, ...] = ()
     joint_names: Mapping[str, str] = field(default_factory=dict)
     objects: tuple[str, ...] = ()
+    reading: Mapping[str, Any] = field(default_factory=dict)
     own_file: bool = False
+
+    @property
+    def said(self) -> params.Reading | None:
+        """The wished `reading`, checked.
+
+        Raises:
+            ParameterError: it is not what it may be.
+        """
+        if not self.reading:
+            return None
+        try:
+            return params.Reading.model_validate(self.reading)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(str(part) for part in first["loc"][:1])
+            raise ParameterError(
+                f"--reading {place or 'as a whole'}: {first['msg'].removeprefix('Value error, ')}; it takes "
+                f"{one_of(params.Reading.model_fields)}"
+            ) from None
 
     @property
     def file(self) -> str:
@@ -80,7 +105,7 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
     require_new(project, wishes.name)
     scene, names, said = chosen_arm(wishes)
     surface = scene.box_sites()[0] if len(scene.box_sites()) == 1 else None
-    choice = chosen_anchor(project, wishes.name, scene, surface, wishes.recordings, names)
+    choice = chosen_anchor(project, wishes.name, scene, surface, wishes.recordings, names, wishes.said)
     entry = _skeleton(project, wishes, scene, surface, names, choice)
     dvc = DvcFile(project)
     _write(project, wishes, entry)
@@ -128,7 +153,7 @@ def _write(project: Project, wishes: Wishes, entry: Mapping[str, Any]) -> None:
 
 
 def _recorded(wishes: Wishes) -> RecordedJoints:
-    recorded = recorded_joints(wishes.recordings)
+    recorded = recorded_joints(wishes.recordings, column_map(wishes.said))
     if not recorded.recordings:
         raise ParameterError(
             f"--recordings is {wishes.recordings}: no recording in it has joint states; `lessbench check` says what a "
@@ -239,6 +264,7 @@ def _skeleton(
         "surface": surface,
         "collisions": False,
         "recordings": project.named(wishes.recordings),
+        "reading": dict(wishes.reading) or None,
         "anchor": choice.anchor,
         "features": terms,
         "preferences": terms,

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import StageError
+from pipeline.params import Reading
 from pipeline.replay.ends import distances
 from pipeline.replay.room import Room
 from pipeline.replay.scene import Scene
@@ -32,7 +33,13 @@ class Choice:
 
 
 def chosen_anchor(
-    project: Project, name: str, scene: Scene, surface: str | None, recordings: Path, joint_names: Mapping[str, str]
+    project: Project,
+    name: str,
+    scene: Scene,
+    surface: str | None,
+    recordings: Path,
+    joint_names: Mapping[str, str],
+    reading: Reading | None = None,
 ) -> Choice:
     """Read the recordings as the stage ingest will, and choose the anchor that their ends fit.
 
@@ -42,10 +49,10 @@ def chosen_anchor(
         scene: with the task's joints and end effector.
         surface: of the task, or None.
         recordings: folder.
-        joint_names: of the task.
+        joint_names, reading: of the task.
     """
     top = None if surface is None else Surface(scene, surface)
-    intake = Intake(name, scene, project.params.ingest, False, top, joint_names=joint_names)
+    intake = Intake(name, scene, project.params.ingest, False, top, joint_names=joint_names, reading=reading)
     found = collect(recordings, intake)
     anchor, why = _anchor(scene, found, intake)
     said = [f"Anchor: {anchor}, as {why}."]

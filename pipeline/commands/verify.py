@@ -18,6 +18,7 @@ from pipeline.errors import StageError, TableError, WorkbenchError
 from pipeline.formats.parquet.checked.content_digest import content_digest
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.task_tables import TaskTables
+from pipeline.formats.recordings.folders import read_folder
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.ingest import collect
 from pipeline.stages.registry import STAGES, Scope, Stage, parameters, table_makers
@@ -100,7 +101,8 @@ class _Known:
             task = project.params.task(name)
             scene = load_task_scene(project, task)
             self.model = model_hash(scene)
-            self.recordings = sorted(project.path(task.recordings).glob("*.mcap"))
+            there = read_folder(project.path(task.recordings), Intake.of(project, name).columns)
+            self.recordings = sorted({file for bag in there.bags for file in bag.files})
             given = project.params.sample.given
             outside = [*scene_files(scene.path), *self.recordings, *([project.path(given)] if given else [])]
         self._outside = {project.shown(path): path for path in outside}

@@ -23,12 +23,12 @@ from pipeline.choice.models import choice_model
 from pipeline.commands.serve import Live, announce, claimed, interrupted
 from pipeline.errors import RecordingError, StageError, WorkbenchError
 from pipeline.formats.files.atomic import folder_written_whole
-from pipeline.formats.mcap.bags import Bag
 from pipeline.formats.mcap.folder_watcher import Arrivals, News
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.partitions import gathered
 from pipeline.formats.parquet.tables import table_writer, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
+from pipeline.formats.recordings.folders import Bag
 from pipeline.params import Task
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.geometry import body_poses, extract_geometry
@@ -47,7 +47,7 @@ from pipeline.views.rerun.server import require_listening, server
 from pipeline.views.task_summary import density_map, replay_samples, theta_labels, theta_meaning
 from pipeline.views.task_view import ALTERNATIVE, EXPLORED, mean_posterior, over_what, read_waypoints
 from pipeline.vocabulary import TASK_ANCHOR, WORKING, model_name
-from pipeline.workspace.demonstrations import LONGEST_NAME, Intake, demonstration
+from pipeline.workspace.demonstrations import LONGEST_NAME, NAMED_BY, Intake, demonstration
 from pipeline.workspace.explored_space import ExploredSpace
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
@@ -333,6 +333,7 @@ def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict
     known = path.stem in belief.rows
     try:
         row = demonstration(Bag(path.stem, (path,)), belief.setting.intake)
+        row.pop(NAMED_BY)
         _refuse_copy(row, belief)
         belief.take(row)
     except WorkbenchError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -37,6 +38,7 @@ from pipeline.vocabulary import (
 from schemas import schema
 
 FILE = "params.yaml"
+_PLACES = re.compile(r"\{participant\}|\{task\}|\*")
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
@@ -114,12 +116,72 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
 
 
+JointName = Annotated[str, Field(min_length=1, max_length=200)]
+Unit = Annotated[str, _word_of(("rad", "deg", "m", "mm"))]
+Units = Annotated[dict[JointName, Unit], Field(min_length=1), AfterValidator(_frozen)]
+
+
+class Reading(_Section):
+    """How a task's recordings are read where they do not say so themselves; see docs/recordings.md.
+
+    Attributes:
+        time: column of a table that says when.
+        time_unit: of its numbers; None: by the column's name and the numbers' size.
+        rate_hz: rows per second, of a table without such a column and of an HDF5 file.
+        joints: columns with positions, in order; of an array, what its columns are called.
+        unit: of all positions, or by joint; else rad and m.
+        array: column or array with all positions of a row.
+        id: column that says which recording a row belongs to.
+        participant: column that says whose it is.
+        file_name: what names of files say, such as `{participant}_*`.
+    """
+
+    time: JointName | None = None
+    time_unit: Annotated[str, _word_of(("s", "ms", "us", "ns"))] | None = None
+    rate_hz: Annotated[float, Field(strict=True, gt=0, le=1e6, allow_inf_nan=False)] | None = None
+    joints: Annotated[tuple[JointName, ...], Field(min_length=1), AfterValidator(_distinct)] | None = None
+    unit: Unit | Units | None = None
+    array: JointName | None = None
+    id: JointName | None = None
+    participant: JointName | None = None
+    file_name: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+
+    @field_validator("file_name")
+    @classmethod
+    def _pattern(cls, pattern: str | None) -> str | None:
+        if pattern is not None:
+            pieces = _PLACES.split(pattern)
+            places = _PLACES.findall(pattern)
+            if "{participant}" not in places and "{task}" not in places:
+                raise ValueError(
+                    f"{pattern!r} says nothing; it takes {{participant}} or {{task}}, and * for anything else, such as "
+                    "'{participant}_*'"
+                )
+            if len(set(places) - {"*"}) < len([place for place in places if place != "*"]):
+                raise ValueError(f"{pattern!r} has a place twice")
+            if not all(pieces[1:-1]) or any(sign in piece for piece in pieces for sign in "{}"):
+                raise ValueError(
+                    f"{pattern!r} has places that nothing separates, or others than {{participant}}, {{task}} and *"
+                )
+        return pattern
+
+    @model_validator(mode="after")
+    def _fits(self) -> Reading:
+        if self.time is not None and self.rate_hz is not None:
+            raise ValueError("time and rate_hz both say when; give one of them")
+        named = [name for name in (self.time, self.array, self.id, self.participant) if name is not None]
+        if len(set(named)) < len(named) or set(named) & set(self.joints or ()):
+            raise ValueError("a column has two meanings; each column is one of time, joints, array, id, participant")
+        return self
+
+
 class Task(_Section):
     """One task: a scene, where its recordings are, and what may matter in it.
 
     `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `joints` are
     those of the arm, or a body whose subtree has them; None: those that carry the end effector. `joint_names` gives the
-    joints of the recordings the names that the scene has for them. `feature_files` define further kinds of features.
+    joints of the recordings the names that the scene has for them; `reading` says of tables and datasets what they do
+    not say themselves. `feature_files` define further kinds of features.
     `thetas` are `grid`, or the values of theta for some features in a grid (negative: a cost, positive: a wish), or
     weight vectors.
     """
@@ -131,6 +193,7 @@ class Task(_Section):
     surface: str | None
     collisions: StrictBool = False
     recordings: str
+    reading: Reading | None = None
     anchor: AnchorWord
     features: Specs
     preferences: Specs

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from pipeline.errors import RecordingError, StageError
-from pipeline.formats.mcap.bags import Bag, read_folder, sequences, stem_of
+from pipeline.errors import RecordingError, StageError, few_of
 from pipeline.formats.mcap.joint_states import JointRecording, joined
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.formats.parquet.tables import write_table
+from pipeline.formats.recordings.folders import PARTICIPANTS, Bag, read_folder, sequences, stem_of
 from pipeline.replay.scene import model_hash, scene_files
 from pipeline.stages.registry import parameters
 from pipeline.terminal import plain
-from pipeline.workspace.demonstrations import LONGEST_NAME, Intake, demonstration_row, read_bag
+from pipeline.workspace.demonstrations import LONGEST_NAME, NAMED_BY, Intake, demonstration_row, read_bag
+from pipeline.workspace.participants import participants_in
 from pipeline.workspace.people import one_spelling
 from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, recorded_run, table_path
@@ -33,6 +35,7 @@ NULLABLE = {
 SAME = 1e-9  # rad or m; waypoints nearer than this are the same motion
 TOUCHING_S = 0.5  # at most between two parts of a split recording, or five of its sampling intervals
 MOST_NOTES = 5
+OWN = "the recording's metadata record"
 
 
 def run(project: Project, name: str) -> None:
@@ -48,7 +51,8 @@ def run(project: Project, name: str) -> None:
         found = collect(project.path(task.recordings), intake)
         if not found.rows and not found.missing:
             raise StageError(
-                f"{task.recordings}: there is no .mcap file in this folder; tasks.{name}.recordings names it"
+                f"{task.recordings}: there is no recording in this folder; tasks.{name}.recordings names it, and "
+                "docs/recordings.md says what is read"
             )
         inputs = [*found.inputs, *scene_files(intake.scene.path)]
         stated = provenance(
@@ -64,11 +68,29 @@ def run(project: Project, name: str) -> None:
 
 def collect(folder: Path, intake: Intake) -> Found:
     """What comes of the recordings in a folder."""
-    found, there = Found(), read_folder(folder)
+    found, there = Found(), read_folder(folder, intake.columns)
+    intake = replace(intake, folder=folder)
     for one in there.unused:
         found.set_aside(one.source, one.reason, one.detail)
+    _follow_participants(folder, there.bags, found)
     _read(tracked(_named_once(there.bags, found), f"ingest {intake.task}"), intake, found)
     return found
+
+
+def _follow_participants(folder: Path, bags: Sequence[Bag], found: Found) -> None:
+    """Refuse a participants.csv that cannot be used, and say what it names that is not there."""
+    try:
+        listed = participants_in(folder)
+    except RecordingError as error:
+        found.set_aside(PARTICIPANTS, error.reason, error.detail)
+        return
+    if not listed.by_file:
+        return
+    found.inputs.append(folder / PARTICIPANTS)
+    names = {name for bag in bags for name in (bag.name, bag.source, bag.files[0].name, bag.files[0].stem)}
+    if unknown := listed.unknown(names | {stem_of(parts) for parts in sequences(bags)}):
+        detail = f"It names {few_of(unknown)}, and no recording of the folder is called so."
+        found.set_aside(PARTICIPANTS, "not-a-recording", detail)
 
 
 @dataclass
@@ -89,22 +111,24 @@ class Found:
     inputs: list[Path] = field(default_factory=list)
     hashes: dict[Path, str] = field(default_factory=dict)
     _recorded: dict[str, dict[str, Any]] = field(default_factory=dict)
+    _named_by: Counter[str] = field(default_factory=Counter)
 
     def set_aside(self, source: str, reason: str, detail: str) -> None:
         """Say that something is not used."""
         self.missing += reason not in SET_ASIDE
         self.rejected.append({"source": plain(source, LONGEST_NAME + 60), "reason": reason, "detail": detail})
 
-    def reject(self, files: Iterable[Path], error: RecordingError) -> None:
+    def reject(self, source: str, files: Iterable[Path], error: RecordingError) -> None:
         """Say that a recording is not used."""
         files = tuple(files)
-        self.set_aside(files[0].name, error.reason, error.detail)
+        self.set_aside(source, error.reason, error.detail)
         self.inputs += files if error.reason != "unreadable" else []
 
     def take(self, row: dict[str, Any], recording: JointRecording) -> None:
         """Use a demonstration, unless the same recording is used already."""
         self.inputs += recording.hashes
         self.hashes |= recording.hashes
+        named_by = row.pop(NAMED_BY)
         first = self._recorded.setdefault(_content(recording), row)
         if first is not row:
             others = (
@@ -120,6 +144,7 @@ class Found:
             if np.abs(row["waypoints"] - other["waypoints"]).max() <= SAME:
                 _remark(row, f"moves as {other['source']} does, at other times (remove one if it is a copy)")
         self.rows.append(row)
+        self._named_by[named_by.partition(" '")[0]] += 1
 
     def rejections(self) -> pl.DataFrame:
         """The table of what is not used, in the order of the names."""
@@ -165,8 +190,15 @@ class Found:
         said = [f"{row['source']}: {row['remarks']}" for row in self.rows if row["remarks"] is not None]
         more = len(aside) + len(said) - MOST_NOTES
         listed = [*aside, *said][:MOST_NOTES]
+        named_by = {by: count for by, count in sorted(self._named_by.items()) if by}
+        people = (
+            [f"participants are named by {', '.join(f'{by} ({count})' for by, count in named_by.items())}"]
+            if set(named_by) - {OWN}
+            else []
+        )
         return [
             *mixed,
+            *people,
             *listed,
             *(
                 [f"and {more} more remarks, in the column remarks of demonstrations.parquet and in rejected.parquet"]
@@ -195,8 +227,8 @@ def _named_once(bags: Iterable[Bag], found: Found) -> list[Bag]:
     for bag in bags:
         first = taken.setdefault(bag.name, bag)
         if first is not bag:
-            detail = f"{first.files[0].name} would be the same demonstration, {bag.name!r}; rename one of the files."
-            found.set_aside(bag.files[0].name, "same-name", detail)
+            detail = f"{first.source} would be the same demonstration, {bag.name!r}; rename one of the files."
+            found.set_aside(bag.source, "same-name", detail)
     return list(taken.values())
 
 
@@ -207,7 +239,7 @@ def _read(bags: Iterable[Bag], intake: Intake, found: Found) -> None:
             try:
                 recording = read_bag(bag, intake)
             except RecordingError as error:
-                found.reject(bag.files, error)
+                found.reject(bag.source, bag.files, error)
                 _finish(parts, intake, found)
                 continue
             if parts and not _continues(parts[-1][1], recording, intake):
@@ -235,7 +267,7 @@ def _finish(parts: list[tuple[Bag, JointRecording]], intake: Intake, found: Foun
         recording = joined([recording for _, recording in parts])
         found.take(demonstration_row(stem_of([bag for bag, _ in parts]), recording, intake), recording)
     except RecordingError as error:
-        found.reject(files, error)
+        found.reject(parts[0][0].source, files, error)
     parts.clear()
 
 

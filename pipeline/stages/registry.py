@@ -94,8 +94,8 @@ STAGES = (
     Stage(
         "ingest", Scope.TASK, "ingest", "pipeline.stages.ingest",
         parameters=(
-            "tasks.{task}.recordings", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.anchor",
-            "ingest",
+            "tasks.{task}.recordings", "tasks.{task}.reading", "tasks.{task}.end_effector", "tasks.{task}.surface",
+            "tasks.{task}.anchor", "ingest",
         ),
         named=("tasks.{task}.recordings",),
         inputs=(SCENE,),
@@ -300,7 +300,7 @@ BY_COMMAND = (
 """What DVC does not run, because the project does not have the data. The catalog takes the tables that are there."""
 # parameters that may be left out; DVC cannot wait for what is not there, and then waits for the whole task instead
 OPTIONAL_SECTIONS = ("explore",)  # of params.yaml; a stage waits for one only if it is there
-OPTIONAL = ("tasks.{task}.joints", "tasks.{task}.joint_names")
+OPTIONAL = ("tasks.{task}.joints", "tasks.{task}.joint_names", "tasks.{task}.reading")
 # parameters that a stage may read without declaring them, with the reason why that changes no result
 UNDECLARED = {
     "tasks.{task}.scene": "the stage `scene` alone follows it; the others depend on scene.json, which changes with it",

@@ -5,20 +5,23 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
-from pipeline.errors import RecordingError
-from pipeline.formats.mcap.bags import Bag
-from pipeline.formats.mcap.joint_states import JointRecording, joined, read_joint_states
+from pipeline.formats.mcap.joint_states import JointRecording
 from pipeline.formats.mcap.rejection_reasons import rejection
 from pipeline.formats.mcap.writer import METADATA
-from pipeline.params import Ingest
+from pipeline.formats.recordings.columns import ColumnMap
+from pipeline.formats.recordings.folders import PARTICIPANTS, Bag
+from pipeline.formats.recordings.readers import read_recording
+from pipeline.params import Ingest, Reading
 from pipeline.replay.scene import Scene
 from pipeline.replay.surface import Surface
 from pipeline.terminal import plain
 from pipeline.trajectories.motion import longest_gap, rate_hz
 from pipeline.trajectories.timebase import moving_part
 from pipeline.vocabulary import RESERVED_IDS, TASK_ANCHOR
+from pipeline.workspace.participants import by_file_name, participants_in
 from pipeline.workspace.people import identity
 from pipeline.workspace.plausibility import ends_apart, remark_on_surface, require_plausible, within_limits
 from pipeline.workspace.project import Project
@@ -28,6 +31,7 @@ LONGEST_NAME = 200  # characters
 LONGEST_THETA = 10_000  # characters
 LONGEST_REMARKS = 4000  # characters
 LARGEST_WEIGHT = 1e9
+NAMED_BY = "named by"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +46,8 @@ class Intake:
         surface: of the task, if it has one.
         elsewhere: of the project's other tasks, those with a folder of recordings of their own.
         joint_names: what the scene calls joints that the recordings call otherwise.
+        reading: what the task says of tables, datasets and names of files.
+        folder: of the recordings, where participants.csv may be.
     """
 
     task: str
@@ -51,6 +57,18 @@ class Intake:
     surface: Surface | None = None
     elsewhere: frozenset[str] = frozenset()
     joint_names: Mapping[str, str] = field(default_factory=dict)
+    reading: Reading | None = None
+    folder: Path | None = None
+
+    @property
+    def columns(self) -> ColumnMap:
+        """What the columns of tables and datasets mean; a unit of angles for all is one of those that turn alone."""
+        said = column_map(self.reading)
+        if not isinstance(said.unit, str):
+            return said
+        turning, sliding = (said.unit, "m") if said.unit in ("rad", "deg") else ("rad", said.unit)
+        joints = zip(self.recorded_joints, self.scene.slides, strict=True)
+        return replace(said, unit={joint: sliding if slides else turning for joint, slides in joints})
 
     @property
     def recorded_joints(self) -> tuple[str, ...]:
@@ -69,49 +87,44 @@ class Intake:
         others = frozenset(key for key, other in project.params.tasks.items() if other.recordings != task.recordings)
         scene = load_task_scene(project, task)
         surface = None if task.surface is None else Surface(scene, task.surface)
-        return cls(name, scene, project.params.ingest, task.anchor == TASK_ANCHOR, surface, others, task.joint_names)
+        return cls(
+            name, scene, project.params.ingest, task.anchor == TASK_ANCHOR, surface, others, task.joint_names,
+            task.reading, project.path(task.recordings),
+        )  # fmt: skip
 
     def salvaging(self) -> Intake:
         """The same, with what stands before the cut of a recording that is cut off."""
         return replace(self, settings=self.settings.model_copy(update={"salvage": True}))
 
 
+def column_map(reading: Reading | None) -> ColumnMap:
+    """What a task says of columns, as readers take it."""
+    said = reading or Reading()
+    return ColumnMap(
+        said.time, said.time_unit, said.rate_hz, said.joints or (), said.unit or {}, said.array, said.id,
+        said.participant,
+    )  # fmt: skip
+
+
 def read_bag(bag: Bag, intake: Intake) -> JointRecording:
     """The recording that is in the files of a bag, of the scene's joints.
 
     Raises:
-        RecordingError: see `read_joint_states` and `joined`; a part of a split recording cannot be used.
+        RecordingError: see `read_recording`.
     """
-    settings, parts, empty = intake.settings, list[JointRecording](), list[str]()
-    least = 2 if len(bag.files) == 1 else 1
-    for file in bag.files:
-        try:
-            parts.append(
-                read_joint_states(
-                    file,
-                    settings.topic,
-                    intake.recorded_joints,
-                    clock=settings.clock,
-                    salvage=settings.salvage,
-                    least=least,
-                )
-            )
-        except RecordingError as error:
-            if len(bag.files) == 1:
-                raise
-            if error.reason not in ("too-few-messages", "no-joint-states"):
-                raise rejection(error.reason, f"{file.name}, a part of {bag.name}: {error.detail}") from error  # type: ignore[arg-type]
-            empty.append(file.name)
-    if not parts:
-        raise rejection("no-joint-states", f"No part of {bag.name} has poses of {', '.join(intake.recorded_joints)}.")
-    whole = joined(parts)
-    if len(whole.time_ns) < 2:
-        raise rejection("too-few-messages", f"{bag.name} has 1 pose; 2 or more are needed.")
-    return whole
+    settings = intake.settings
+    return read_recording(
+        bag,
+        settings.topic,
+        intake.recorded_joints,
+        intake.columns,
+        clock=settings.clock,
+        salvage=settings.salvage,
+    )
 
 
 def demonstration(bag: Bag, intake: Intake) -> dict[str, Any]:
-    """One row of demonstrations.parquet.
+    """One row of demonstrations.parquet, and under `NAMED_BY` what says whose it is.
 
     Raises:
         RecordingError: the recording cannot be used.
@@ -127,9 +140,9 @@ def demonstration_row(name: str, recording: JointRecording, intake: Intake) -> d
     """
     _check_name("A recording", name, "rename the file")
     remarks = list(recording.remarks)
-    stated = _stated(recording, intake, remarks)
+    stated, named_by = _stated(name, recording, intake, remarks)
     participant = stated.get("participant", name)
-    _check_name("A participant", participant, f"change it in the recording's metadata record {METADATA!r}")
+    _check_name("A participant", participant, f"change it in {named_by}")
     scene, settings = intake.scene, intake.settings
     time_s = (recording.time_ns - recording.time_ns[0]) / 1e9
     positions = within_limits(scene, recording.positions, time_s, remarks)
@@ -143,7 +156,8 @@ def demonstration_row(name: str, recording: JointRecording, intake: Intake) -> d
     return {
         "demonstration_id": name,
         "participant": participant,
-        "source": recording.path.name,
+        NAMED_BY: named_by,
+        "source": recording.source,
         "simulated": stated.get("simulated") == "true",
         "true_theta": stated.get("true_theta"),
         "start_time_ns": int(recording.time_ns[0]) + round(part.start_s * 1e9),
@@ -166,24 +180,37 @@ def demonstration_row(name: str, recording: JointRecording, intake: Intake) -> d
     }
 
 
-def _stated(recording: JointRecording, intake: Intake, remarks: list[str]) -> dict[str, str]:
-    """The recording's metadata on the demonstration.
+def _stated(name: str, recording: JointRecording, intake: Intake, remarks: list[str]) -> tuple[Mapping[str, str], str]:
+    """What is known of a demonstration beside its poses, and what says whose it is.
+
+    Its own metadata count most, then participants.csv, then the name of its file.
 
     Raises:
-        RecordingError: it names another task of the project, or says what it may not say.
+        RecordingError: it is of another task of the project, or something says what it may not say.
     """
-    stated = recording.metadata.get(METADATA, {})
+    own = recording.metadata.get(METADATA, {})
+    listed = participants_in(intake.folder).of(name, recording.source, recording.path.name, recording.path.stem)
+    pattern = intake.reading.file_name if intake.reading else None
+    by_name = by_file_name(name, pattern) if pattern else {}
+    if by_name is None:
+        remarks.append(f"its name does not follow reading.file_name, {pattern}")
+        by_name = {}
+    itself = f"the recording's metadata record {METADATA!r}"
+    places = {itself: own, PARTICIPANTS: listed, f"the name of the file {name!r}": by_name}
+    said_by = {key: next((place for place in places if key in places[place]), "") for key in ("participant", "task")}
+    stated = {**by_name, **listed, **own}
     task = stated.get("task", intake.task)
     if task in intake.elsewhere:
         raise rejection(
             "another-task",
-            f"Its metadata record {METADATA!r} says that it is of task {task!r}, which has recordings of its own; move "
-            f"it there, or change the record if it is of {intake.task!r}.",
+            f"By {said_by['task']} it is of task {task!r}, which has recordings of its own; move it there, or change "
+            f"that if it is of {intake.task!r}.",
         )
     if task != intake.task:
-        remarks.append(f"says of itself that it is of task {task!r}")
+        says = "says of itself that it is" if "task" in own else f"is by {said_by['task']}"
+        remarks.append(f"{says} of task {task!r}")
     _check_true_theta(stated.get("true_theta"))
-    return stated
+    return stated, said_by["participant"]
 
 
 def _check_name(whose: str, name: str, remedy: str) -> None:

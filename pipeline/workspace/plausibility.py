@@ -23,8 +23,8 @@ PACE = 1.3
 NEAR_RAD, NEAR_M = 0.1, 0.05
 """An end this near is where it should be: nobody leads an arm to a keyframe more exactly."""
 _CUT = (
-    "cut the recording with `mcap filter RECORDING -o PART.mcap --include-metadata --start TIME --end TIME` (log "
-    "times), one file for each demonstration"
+    "cut the recording, such as with `mcap filter RECORDING -o PART.mcap --include-metadata --start TIME --end TIME` "
+    "(log times), one file for each demonstration; rows of a table are told apart by the task's reading.id"
 )
 
 
@@ -45,8 +45,8 @@ def within_limits(scene: Scene, positions: FloatArray, time_s: FloatArray, remar
         worst = next(one for one in judged.joints if one.verdict is Verdict.BEYOND)
         raise rejection(
             "beyond-limits",
-            f"At {time_s[worst.sample]:.3f} s {judged.refusal} Correct the recording, or the joint's range in "
-            f"{scene.path.name}.",
+            f"At {time_s[worst.sample]:.3f} s {judged.refusal} Correct the recording (of a table or dataset, name "
+            f"its unit in the task's reading.unit), or the joint's range in {scene.path.name}.",
         )
     remarks += judged.remarks
     return judged.positions

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.formats.mcap.bags import read_folder
-from pipeline.formats.mcap.joint_states import inspect_recording
+from pipeline.formats.recordings.columns import ColumnMap
+from pipeline.formats.recordings.folders import Bag, read_folder
+from pipeline.formats.recordings.readers import inspect
 from pipeline.workspace.progress import tracked
 
 MOST = 50  # recordings that are looked at; more would tell the same
@@ -28,10 +29,15 @@ class RecordedJoints:
     some: tuple[str, ...]
 
 
-def recorded_joints(folder: Path) -> RecordedJoints:
-    """What the recordings in a folder name; those that cannot be read are passed over here, and said by ingest."""
-    bags = read_folder(folder).bags[:MOST]
-    return shared_by(_named(bag.files[0]) for bag in tracked(list(bags), "recordings"))
+def recorded_joints(folder: Path, columns: ColumnMap | None = None) -> RecordedJoints:
+    """What the recordings in a folder name; those that cannot be read are passed over here, and said by ingest.
+
+    Args:
+        folder: of recordings, or a dataset.
+        columns: what the columns of tables mean.
+    """
+    bags = read_folder(folder, columns).bags[:MOST]
+    return shared_by(_named(bag, columns) for bag in tracked(list(bags), "recordings"))
 
 
 def shared_by(names: Iterable[Iterable[str]]) -> RecordedJoints:
@@ -43,6 +49,6 @@ def shared_by(names: Iterable[Iterable[str]]) -> RecordedJoints:
     return RecordedJoints(len(sets), shared, tuple(name for name in every if name not in shared))
 
 
-def _named(file: Path) -> list[str]:
+def _named(bag: Bag, columns: ColumnMap | None) -> list[str]:
     """Names on all topics of a recording."""
-    return [joint for topic in inspect_recording(file).topics for joint in topic.joints]
+    return [joint for topic in inspect(bag, columns=columns).topics for joint in topic.joints]

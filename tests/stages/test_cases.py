@@ -102,11 +102,13 @@ CHECKED = {
         "joints: panda_joint1, panda_joint2, panda_joint3, panda_joint4, panda_joint5, panda_joint6, panda_joint7",
     ),
     "o06_three_demos_in_one_bag/rec/rec.mcap": (False, "the recording holds 3 motions, not one"),
-    "o10_sqlite3_db3/rec/rec.db3": (False, "`mcap convert rec.db3 rec.mcap`"),
-    "o11_mcap_zstd_file_compressed/rec/rec.mcap.zstd": (False, "`zstd -d rec.mcap.zstd -o rec.mcap`"),
-    "o13_ros1_bag/rec.bag": (False, "`mcap convert rec.bag rec.mcap`"),
+    "o10_sqlite3_db3/rec/rec.db3": (True, "JointState in cdr, 800 messages"),
+    "o10_sqlite3_db3/rec": (True, "JointState in cdr, 800 messages"),
+    "o11_mcap_zstd_file_compressed/rec/rec.mcap.zstd": (True, "JointState in cdr, 800 messages"),
+    "o11_mcap_zstd_file_compressed/rec": (True, "JointState in cdr, 800 messages"),
+    "o13_ros1_bag/rec.bag": (True, "JointState in ros1, 800 messages"),
     "o15_ros1_in_mcap/rec.mcap": (True, "JointState in ros1, 800 messages"),
-    "o30_joint_trajectory_msg/rec/rec.mcap": (False, "`ros2 bag record --storage mcap /joint_states`"),
+    "o30_joint_trajectory_msg/rec/rec.mcap": (True, "says where the arm was to be (JointTrajectory)"),
     "o33_carries_high/high0.mcap": (True, "header times, 100 Hz"),
     "o37_one_duplicate_stamp/rec/rec.mcap": (True, "1 samples dropped"),
 }
@@ -115,6 +117,8 @@ CHECKED = {
 @here
 @pytest.mark.parametrize("name", CHECKED)
 def test_check_says_what_it_is(name: str) -> None:
+    if name.startswith(("o13", "o30")):
+        pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
     lines, usable = report(CASES / name, None, None)
     assert (usable, CHECKED[name][1] in "\n".join(lines)) == (CHECKED[name][0], True), lines
 

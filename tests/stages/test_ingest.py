@@ -374,8 +374,8 @@ def test_every_other_file_is_named_and_only_what_may_be_a_recording_stops(projec
     (made.root / "mine" / "b.db3").write_bytes(b"SQLite format 3\0")
     (made.root / "mine" / "day2").mkdir()
     save(made.root / "mine" / "day2" / "c.mcap", reach(0.2))
-    assert "b.db3 (not-read)" in refusal(made)
-    assert rejected(made) == {"b.db3": "not-read", "day2": "not-read", "notes.txt": "not-a-recording"}
+    assert "2 of 3 recordings" in refusal(made)
+    assert rejected(made) == {"b.db3": "corrupt", "day2": "not-read", "notes.txt": "not-a-recording"}
 
 
 def test_a_recording_that_names_another_task(project: Prepare, parameters: dict[str, Any]) -> None:

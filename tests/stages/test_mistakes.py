@@ -102,7 +102,7 @@ MISTAKES: dict[str, tuple[str, Change, str]] = {
     "one message": ("ingest", one_message, r"demo-1\.mcap \(too-few-messages\)"),
     "time backwards": ("ingest", backwards, r"demo-1\.mcap \(time-not-increasing\)"),
     "truncated file": ("ingest", truncated, r"demo-1\.mcap \(truncated\)"),
-    "empty folder": ("ingest", empty_folder, r"mine: there is no \.mcap file"),
+    "empty folder": ("ingest", empty_folder, r"mine: there is no recording"),
     "missing MJCF": ("featurize", lambda p: change(p, "tasks.sweep.scene", "nowhere.xml"), r"nowhere\.xml"),
     "broken MJCF": ("featurize", lambda p: (p.root / "gantry.xml").write_text("<mujoco><bod"), r"gantry\.xml"),  # type: ignore[dict-item, return-value]
     "unknown end effector": ("ingest", lambda p: change(p, "tasks.sweep.end_effector", "hand"), r"'hand'.*tip"),

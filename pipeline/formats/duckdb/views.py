@@ -232,7 +232,8 @@ VIEWS: Mapping[str, View] = {
              or asked.demonstration_id = 'all' and asked.participant in ('all', d.participant))
            left join demo_files on demo_files.task = asked.task
            left join inputs i on i.file = demo_files.file
-               and (i.input = d.source or ends_with(i.input, '/' || d.source))
+               and (i.input = d.source or ends_with(i.input, '/' || d.source)
+                    or ends_with(i.input, '/' || regexp_replace(d.source, ': [^/:]*$', '')))
            left join posterior_files f on f.task = asked.task
                and (f.table_name = 'explored_posteriors') = (asked.set_id = 'explored') order by all""",
         {

@@ -1,4 +1,4 @@
-"""The records of a chunk, inflated to no more than they state and checked against their checksum."""
+"""Chunks and messages, inflated to no more than they state, chunks checked against their checksum."""
 
 from __future__ import annotations
 
@@ -8,8 +8,30 @@ import lz4.frame
 import zstandard
 from mcap.records import Chunk
 
-from pipeline.formats.mcap.limits import Limits
+from pipeline.formats.mcap.limits import Limits, Meter
 from pipeline.formats.mcap.rejection_reasons import rejection
+
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+def is_zstd(data: bytes, at: int = 0) -> bool:
+    """Whether data begin at a place as what zstd compressed does, and as no message of ROS does."""
+    return data[at : at + len(ZSTD_MAGIC)] == ZSTD_MAGIC
+
+
+def inflate_message(data: bytes, meter: Meter) -> bytes:
+    """A message that a recorder compressed by itself, or a RecordingError."""
+    try:
+        size = zstandard.frame_content_size(data)
+        most = meter.limits.message_bytes
+        if size > most:
+            raise rejection("too-large", f"A compressed message states {size} bytes inflated; at most {most} are read.")
+        inflated = zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1) if size >= 0 else most)
+    except zstandard.ZstdError as error:
+        raise rejection("corrupt", "A message's zstd data is damaged or longer than is read.") from error
+    meter.inflate(len(inflated))
+    meter.step()
+    return inflated
 
 
 def inflate(chunk: Chunk, limits: Limits) -> bytes:

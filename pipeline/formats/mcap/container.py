@@ -25,6 +25,7 @@ from pipeline.formats.mcap.chunks import inflate, match_crc
 from pipeline.formats.mcap.limits import FILTER, Limits, Meter
 from pipeline.formats.mcap.rejection_reasons import Reason, rejection
 
+ENDING = ".mcap"
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("<BQ")  # opcode, length of the body
 _CONTENT = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
@@ -63,6 +64,11 @@ class CutOff(RecordingError):
         self.at, self.left = at, left
         self.in_data = True
         self.unchecked = 0
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file is taken for an MCAP file: by its ending, in capitals or not."""
+    return path.suffix.lower() == ENDING
 
 
 def scan(path: Path, meter: Meter, digest: Digest | None = None) -> Iterator[tuple[int, bytes]]:

@@ -60,18 +60,9 @@ def declared(topic: str, encoding: str, schema_encoding: str, text: bytes) -> De
         RecordingError: unsupported-encoding; the schema is in another language than the messages, or declares fields
             that are not read.
     """
-    if schema_encoding not in ENCODINGS[encoding]:
-        raise rejection(
-            "unsupported-encoding",
-            f"Topic {topic} says that its messages are {encoding!r} and its schema {schema_encoding!r}; with "
-            f"{encoding} goes {' or '.join(ENCODINGS[encoding])}, so one of the two is wrong.",
-        )
-    if not text.strip():
+    types = declared_types(topic, encoding, schema_encoding, text)
+    if types is None:
         return Declared(said=f"the schema of {topic} has no text, so the usual fields of JointState are assumed")
-    if len(text) > MOST_CHARACTERS:
-        raise rejection("too-large", f"The schema of topic {topic} has {len(text)} bytes; at most {MOST_CHARACTERS}.")
-    plain = text.decode("utf-8", "replace")
-    types = dict(_idl(plain) if schema_encoding.endswith("idl") else _messages(plain))
     arrays = _arrays(types, encoding)
     if arrays is None:
         fields = ", ".join(f"{kind} {name}" for kind, name in types.get("", [])[:MOST_ARRAYS])
@@ -85,12 +76,41 @@ def declared(topic: str, encoding: str, schema_encoding: str, text: bytes) -> De
     return Declared(arrays, None if usual else f"the schema of {topic} puts {', '.join(arrays)} in this order")
 
 
+def declared_types(
+    topic: str, encoding: str, schema_encoding: str, text: bytes, root: str = "JointState"
+) -> dict[str, Fields] | None:
+    """The fields of each type that a schema defines, those of the messages themselves under the name ''.
+
+    Args:
+        topic, encoding, schema_encoding, text: as in `declared`.
+        root: the messages' type, without its package.
+
+    Returns:
+        None if the schema has no text.
+
+    Raises:
+        RecordingError: unsupported-encoding or too-large.
+    """
+    if schema_encoding not in ENCODINGS[encoding]:
+        raise rejection(
+            "unsupported-encoding",
+            f"Topic {topic} says that its messages are {encoding!r} and its schema {schema_encoding!r}; with "
+            f"{encoding} goes {' or '.join(ENCODINGS[encoding])}, so one of the two is wrong.",
+        )
+    if not text.strip():
+        return None
+    if len(text) > MOST_CHARACTERS:
+        raise rejection("too-large", f"The schema of topic {topic} has {len(text)} bytes; at most {MOST_CHARACTERS}.")
+    plain = text.decode("utf-8", "replace")
+    return dict(_idl(plain, root) if schema_encoding.endswith("idl") else _messages(plain))
+
+
 def _arrays(types: dict[str, Fields], encoding: str) -> tuple[str, ...] | None:
     """The names of the arrays, or None if the fields are others than can be read."""
     root = types.get("", [])
     if [name for _, name in root[:2]] != ["header", "name"] or root[1][0] != "string[]":
         return None
-    if not _header_is_usual(root[0][0], types, encoding):
+    if not header_is_usual(root[0][0], types, encoding):
         return None
     rest = root[2:]
     names = tuple(name for _, name in rest)
@@ -98,21 +118,23 @@ def _arrays(types: dict[str, Fields], encoding: str) -> tuple[str, ...] | None:
     return names if floats and POSITION in names and len(set(names)) == len(names) <= MOST_ARRAYS else None
 
 
-def _header_is_usual(kind: str, types: dict[str, Fields], encoding: str) -> bool:
+def header_is_usual(kind: str, types: dict[str, Fields], encoding: str) -> bool:
+    """Whether a field of this type is the header that ROS has, as far as the text says."""
     if kind.split("/")[-1] != "Header":
         return False
-    fields = _defined(kind, types)
+    fields = fields_of(kind, types)
     if fields is None:  # a text without the definitions of the types it uses
         return True
     if encoding == "ros1":
         return fields == [("uint32", "seq"), ("time", "stamp"), ("string", "frame_id")]
     if len(fields) != 2 or fields[0][1] != "stamp" or fields[1] != ("string", "frame_id"):
         return False
-    time = _defined(fields[0][0], types)
+    time = fields_of(fields[0][0], types)
     return fields[0][0].split("/")[-1] == "Time" and time in (None, _TIME)
 
 
-def _defined(kind: str, types: dict[str, Fields]) -> Fields | None:
+def fields_of(kind: str, types: dict[str, Fields]) -> Fields | None:
+    """The fields of a type, or None if the text does not define it."""
     last = kind.split("/")[-1]
     return next((fields for name, fields in types.items() if name and name.split("/")[-1] == last), None)
 
@@ -152,8 +174,8 @@ def _without_remarks(text: str) -> str:
     return "\n".join(line.partition("//")[0] for line in lines if not line.lstrip().startswith("@"))
 
 
-def _idl(text: str) -> Iterator[tuple[str, Fields]]:
-    """Each struct of a text of IDL, JointState under the name ''."""
+def _idl(text: str, root: str) -> Iterator[tuple[str, Fields]]:
+    """Each struct of a text of IDL, `root` under the name ''."""
     for name, body in _STRUCT.findall(_without_remarks(text)):
         fields = []
         for statement in body.split(";"):
@@ -162,4 +184,4 @@ def _idl(text: str) -> Iterator[tuple[str, Fields]]:
                 kind = " ".join(words[:-1]).replace("::", "/")
                 kind = re.sub(r"\s*([<>])\s*", r"\1", kind)
                 fields.append((_IDL_TYPES.get(kind, kind), words[-1]))
-        yield ("" if name.rstrip("_") == "JointState" else name.rstrip("_")), fields
+        yield ("" if name.rstrip("_") == root else name.rstrip("_")), fields

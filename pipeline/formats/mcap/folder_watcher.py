@@ -7,7 +7,7 @@ import stat
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.formats.mcap.bags import is_recording
+from pipeline.formats.mcap.container import is_recording
 
 MAGIC = b"\x89MCAP0\r\n"
 PATIENCE = 20

@@ -1,12 +1,13 @@
 """Recorded demonstrations: joint states in MCAP, as a ROS 2 driver's bag holds them.
 
-The contract of the channel is `schemas/joint_state.ros2msg`; the codes of `RecordingError.reason` are in
-`rejection_reasons.py`.
+What is read from other forms becomes a `JointRecording` by the same `joint_recording`, from the `Contents` that its
+reader filled (see `pipeline.formats.recordings`). The contract of the channel is `schemas/joint_state.ros2msg`; the
+codes of `RecordingError.reason` are in `rejection_reasons.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -16,10 +17,10 @@ import numpy as np
 
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.errors import ArgumentError, RecordingError
-from pipeline.formats.mcap.channels import ChannelContents, Contents, LoggedBlock
+from pipeline.formats.mcap.channels import ChannelContents, Contents, DecodingOf, LoggedBlock
 from pipeline.formats.mcap.container import CutOff
 from pipeline.formats.mcap.limits import Limits
-from pipeline.formats.mcap.poses import listed, poses
+from pipeline.formats.mcap.poses import listed, poses, without_replaced
 from pipeline.formats.mcap.rejection_reasons import REASONS, Reason, rejection
 from pipeline.formats.mcap.topics import Choice, choose_topic, joint_names
 from pipeline.formats.mcap.writer import write_joint_states
@@ -56,6 +57,7 @@ class JointRecording:
         remarks: what is odd about the recording, or was chosen in reading it, a phrase each.
         hashes: of the bytes that were read, SHA-256, by file.
         lost: None for a whole file; of one that is cut off, a sentence that says what is missing.
+        called: what it is called in tables, if not by the name of its file.
     """
 
     path: Path
@@ -69,6 +71,12 @@ class JointRecording:
     remarks: tuple[str, ...]
     hashes: Mapping[Path, str]
     lost: str | None = None
+    called: str = ""
+
+    @property
+    def source(self) -> str:
+        """What it is called in tables."""
+        return self.called or self.path.name
 
 
 @dataclass(frozen=True)
@@ -125,8 +133,9 @@ def read_joint_states(
     clock: Clock | None = None,
     salvage: bool = False,
     least: int = 2,
+    decoding_of: DecodingOf | None = None,
 ) -> JointRecording:
-    """Read the poses of one recording.
+    """Read the poses of one MCAP file.
 
     Messages are taken in the order in which the file has them: a recorder writes one topic as it comes, so a time that
     goes back means that a clock was set or that the file was put together, and either makes the motion a guess. Skipped
@@ -143,19 +152,20 @@ def read_joint_states(
         salvage: of a file that is cut off, use the whole records before that place instead of refusing it. Only a cut
             is salvaged: what fails a checksum or contradicts itself is refused all the same.
         least: how many poses are needed, 2 unless it is a part of a recording.
+        decoding_of: how channels are read that are no JointState of ROS.
 
     Raises:
         ArgumentError: `joints` is empty or names a joint twice.
         RecordingError: the recording cannot be used; its reason is one of `REASONS` except does-not-move.
     """
     _check_joints(joints)
-    contents = Contents()
+    contents = Contents(decoding_of)
     try:
         contents.read(Path(path), limits or Limits())
     except CutOff:
         if not salvage:
             raise
-    return _joint_recording(Path(path), contents, topic, joints, clock, least)
+    return joint_recording(Path(path), contents, topic, joints, clock, least)
 
 
 def joined(parts: Sequence[JointRecording]) -> JointRecording:
@@ -205,26 +215,43 @@ def inspect_recording(
     limits: Limits | None = None,
     *,
     clock: Clock | None = None,
+    decoding_of: DecodingOf | None = None,
 ) -> RecordingReport:
-    """Say what a file holds and whether `read_joint_states` would accept it; arguments as there.
+    """Say what an MCAP file holds and whether `read_joint_states` would accept it; arguments as there.
+
+    Raises:
+        ArgumentError: `joints` is empty or names a joint twice.
+    """
+    contents = Contents(decoding_of)
+    return report_of(Path(path), contents, lambda: contents.read(Path(path), limits or Limits()), topic, joints, clock)
+
+
+def report_of(
+    path: Path,
+    contents: Contents,
+    read: Callable[[], None],
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+    clock: Clock | None = None,
+) -> RecordingReport:
+    """What `contents` hold once `read` has filled them, and whether `joint_recording` accepts them.
 
     Raises:
         ArgumentError: `joints` is empty or names a joint twice.
     """
     _check_joints(joints)
-    contents = Contents()
     recording, salvageable, reason, detail = None, None, None, None
     try:
-        contents.read(Path(path), limits or Limits())
-        recording = _joint_recording(Path(path), contents, topic, joints, clock)
+        read()
+        recording = joint_recording(path, contents, topic, joints, clock)
     except RecordingError as error:
         reason, detail = error.reason, error.detail
     if contents.cut is not None:
         with suppress(RecordingError):
-            salvageable = _joint_recording(Path(path), contents, topic, joints, clock)
+            salvageable = joint_recording(path, contents, topic, joints, clock)
     channels = sorted(contents.channels.values(), key=lambda channel: channel.topic)
     return RecordingReport(
-        path=Path(path),
+        path=path,
         profile=contents.profile,
         library=contents.library,
         topics=tuple(_topic_report(channel) for channel in channels),
@@ -254,7 +281,7 @@ def _check_joints(joints: Sequence[str] | None) -> None:
         raise ArgumentError(f"joints must be one or more different names or None, got {joints!r}.")
 
 
-def _joint_recording(
+def joint_recording(
     path: Path,
     contents: Contents,
     topic: str | None,
@@ -262,10 +289,19 @@ def _joint_recording(
     clock: Clock | None = None,
     least: int = 2,
 ) -> JointRecording:
+    """The poses of `joints` in what was read of a file; arguments as of `read_joint_states`.
+
+    Of a file that has measured states and plans, the states are taken, unless `topic` names a plan.
+
+    Raises:
+        RecordingError: see `read_joint_states`.
+    """
     by_topic: dict[str, list[LoggedBlock]] = {}
-    for channel in contents.channels.values():
-        if channel.has_joint_states:
-            by_topic.setdefault(channel.topic, []).extend(channel.blocks)
+    readable = [channel for channel in contents.channels.values() if channel.has_joint_states]
+    measured = [channel for channel in readable if not channel.planned]
+    for channel in (measured or readable) if topic is None else readable:
+        blocks = without_replaced(channel.blocks) if channel.planned else channel.blocks
+        by_topic.setdefault(channel.topic, []).extend(blocks)
     if not by_topic or (topic is not None and topic not in by_topic):
         refused = [channel.refused for channel in contents.channels.values() if topic in (None, channel.topic)]
         raise next(filter(None, refused), None) or _no_joint_states(contents, topic)
@@ -297,20 +333,14 @@ def _joint_recording(
 
 def _of_schemas(contents: Contents, topic: str) -> list[str]:
     """What is to be said of the schemas of a topic's channels."""
-    layouts = [channel.layout for channel in contents.channels.values() if channel.topic == topic]
-    return list(dict.fromkeys(layout.said for layout in layouts if layout is not None and layout.said))
+    said = [channel.said for channel in contents.channels.values() if channel.topic == topic]
+    return list(dict.fromkeys(filter(None, said)))
 
 
 def _no_joint_states(contents: Contents, topic: str | None) -> RecordingError:
     wanted = "sensor_msgs/msg/JointState in CDR or ROS 1" + (f" on {topic}" if topic else "")
-    planned = any(channel.schema.endswith("/JointTrajectory") for channel in contents.channels.values())
-    remedy = (
-        "; a JointTrajectory is a plan and no recording of an arm, record one with "
-        "`ros2 bag record --storage mcap /joint_states`"
-        if planned
-        else ""
-    )
-    return rejection("no-joint-states", f"There is no {wanted}; the file has {_listing(contents)}{remedy}.")
+    others = ", nor another message with names and positions of joints" if contents.decoding_of else ""
+    return rejection("no-joint-states", f"There is no {wanted}{others}; the file has {_listing(contents)}.")
 
 
 def _lost(contents: Contents) -> str | None:

@@ -20,6 +20,7 @@ class Limits:
         total_bytes: all chunks and loose records together, inflated.
         ratio: inflated over stored size of a chunk that inflates to more than `ratio_floor_bytes`.
         declared_bytes: all schemas, channels and metadata records together.
+        message_bytes: longest message that is decoded one by one, inflated.
         joint_states: messages on one JointState channel.
         joint_values: positions in all JointState messages together.
         steps: what is looked at one by one: a record that is unlike the one before it is 1 step, an opened chunk or a
@@ -33,6 +34,7 @@ class Limits:
     ratio: int = 1000
     ratio_floor_bytes: int = 4 << 20
     declared_bytes: int = 16 << 20
+    message_bytes: int = 1 << 20
     joint_states: int = 2_000_000
     joint_values: int = 16_000_000
     steps: int = 1_000_000
@@ -41,15 +43,17 @@ class Limits:
 class Meter:
     """Counts what reading one file costs, and refuses what goes beyond the limits."""
 
-    def __init__(self, limits: Limits) -> None:
-        self.limits = limits
+    def __init__(self, limits: Limits, remedy: str = FILTER) -> None:
+        self.limits, self._remedy = limits, remedy
         self._inflated = self._declared = self._values = self._steps = 0
 
     def inflate(self, size: int) -> None:
         """Pay for `size` bytes of records."""
         self._inflated += size
         if self._inflated > self.limits.total_bytes:
-            raise rejection("too-large", f"The file inflates to more than {self.limits.total_bytes} bytes; {FILTER}.")
+            raise rejection(
+                "too-large", f"The file inflates to more than {self.limits.total_bytes} bytes; {self._remedy}."
+            )
 
     def declare(self, size: int) -> None:
         """Pay for a schema, channel or metadata record of `size` bytes."""
@@ -58,7 +62,7 @@ class Meter:
             raise rejection(
                 "too-large",
                 f"The file holds more than {self.limits.declared_bytes} bytes of schemas, channels and metadata; "
-                f"{FILTER}.",
+                f"{self._remedy}.",
             )
 
     def hold(self, values: int) -> None:
@@ -78,5 +82,5 @@ class Meter:
             raise rejection(
                 "too-large",
                 f"The file takes more than {self.limits.steps} steps to read, for its many small or differing records; "
-                f"{FILTER}.",
+                f"{self._remedy}.",
             )

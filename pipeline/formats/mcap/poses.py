@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +66,30 @@ def poses(
     _require(topic, len(found.time_ns), names, least)
     _check_span(topic, found.time_ns, found.clock)
     return Poses(found.time_ns, positions[found.kept], found.clock, found.dropped, (*remarks, *found.remarks))
+
+
+def without_replaced(blocks: Sequence[LoggedBlock]) -> list[LoggedBlock]:
+    """The poses of planned motions but for those that a later message replaces: those from its own first pose on."""
+    if not blocks:
+        return []
+    stamps = np.concatenate([block.states.stamp_ns for block in blocks])
+    order = _places(blocks)
+    place = np.concatenate([block.place for block in blocks])[order]
+    stamp_ns = stamps[order]
+    firsts = np.flatnonzero(np.concatenate([[True], np.diff(place) != 0]))
+    begins = np.minimum.reduceat(stamp_ns, firsts)
+    # the earliest begin of any later message
+    later = np.concatenate([np.minimum.accumulate(begins[::-1])[::-1][1:], [np.iinfo(np.int64).max]])
+    kept = np.empty(len(order), dtype=bool)
+    kept[order] = stamp_ns < np.repeat(later, np.diff([*firsts, len(order)]))
+    rest, at = [], 0
+    for block in blocks:
+        rows = kept[at : at + len(block.place)]
+        at += len(block.place)
+        if rows.any():
+            states = replace(block.states, stamp_ns=block.states.stamp_ns[rows], positions=block.states.positions[rows])
+            rest.append(LoggedBlock(block.place[rows], block.log_ns[rows], block.publish_ns[rows], states))
+    return rest
 
 
 def listed(names: Sequence[str]) -> str:

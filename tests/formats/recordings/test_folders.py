@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.errors import RecordingError
-from pipeline.formats.mcap.bags import LARGEST_INDEX, Bag, bag_of, read_folder, sequences, stem_of
+from pipeline.formats.recordings.folders import LARGEST_INDEX, Bag, bag_of, read_folder, sequences, stem_of
 
 HEAD = "rosbag2_bagfile_information:\n  relative_file_paths:\n"
 
@@ -72,15 +72,15 @@ def test_everything_else_in_the_folder_is_named_with_what_to_do(tmp_path: Path) 
         "photos/1.png",
     )
     found = read_folder(folder(tmp_path, *names))
-    assert [bag.name for bag in found.bags] == ["A"]
+    assert [(bag.name, bag.form) for bag in found.bags] == [
+        ("A", "mcap"), ("b", "sqlite"), ("c", "mcap"), ("d", "ros1")
+    ]  # fmt: skip
     told = {one.source: (one.reason, one.detail) for one in found.unused}
-    assert set(told) == {name.split("/")[0] for name in names} - {"A.MCAP"}
+    assert set(told) == {name.split("/")[0] for name in names} - {bag.source for bag in found.bags}
     aside = {name for name, (reason, _) in told.items() if reason == "not-a-recording"}
     assert aside == {"notes.txt", ".hidden", "photos"}
     for name, command in {
-        "b.db3": "`mcap convert b.db3 b.mcap`", "c.mcap.zstd": "`zstd -d c.mcap.zstd -o c.mcap`",
-        "d.bag": "`mcap convert d.bag d.mcap`", "e.bag.active": "`rosbag reindex e.bag.active`",
-        "deep": "a folder with 1 MCAP file,",
+        "e.bag.active": "`rosbag reindex e.bag.active`", "deep": "a folder with 1 MCAP file,",
     }.items():  # fmt: skip
         assert command in told[name][1]
 
