@@ -135,6 +135,19 @@ class Scene:
         """Indices of the bodies that the J joints move."""
         return np.flatnonzero([body.joint >= 0 for body in self.chain.bodies])
 
+    def bodies_under(self, name: str) -> BoolArray:
+        """(nbody,) true for a body and its children, and theirs; without a name, true for every body.
+
+        Raises:
+            SceneError: there is no body of that name.
+        """
+        found = np.full(self.model.nbody, not name)
+        if name:
+            found[self.body_id(name)] = True
+            for body in range(1, self.model.nbody):  # parents come first
+                found[body] |= found[self.model.body_parentid[body]]
+        return found
+
     def box_sites(self) -> list[str]:
         """Names of the sites that are boxes, any of which could be a task's surface."""
         kinds = self.model.site_type
