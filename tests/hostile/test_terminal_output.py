@@ -50,7 +50,7 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("export",): [
         ["sweep", "--to", "arviz"], ["sweep", "--to", EVIL], [EVIL, "--to", "arviz"], ["sweep", "--to", "mcap"],
         ["sweep", "--to", "csv"], ["sweep", "--to", "lerobot"], ["sweep", "--to", "parquet", "--plan"],
-        ["sweep", "--to", "csv", "-o", EVIL], ["sweep", "--to", "csv", "-o", f"no/{FILE}", "--hz", "10"],
+        ["sweep", "--to", "csv", "-o", f"out/{FILE}", "--hz", "10"], ["sweep", "--to", "parquet", "-o", f"out/{FILE}"],
     ],
     ("inspect",): [["sweep"], ["studies"], [EVIL]],
     ("figures",): [["sweep"], ["studies"], [EVIL]],
