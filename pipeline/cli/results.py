@@ -130,21 +130,31 @@ def calibrate(
 @commands.command(rich_help_panel=LOOK)
 def export(
     task: TaskName,
-    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="arviz: the draws of the weights as JSON.")],
+    to: Annotated[str, typer.Option("--to", metavar="FORM", help="mcap, parquet, csv, lerobot or arviz.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Where to (default: datasets/TASK/arviz).")
+        Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Where to (default: datasets/TASK/FORM).")
     ] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="The plan of `lessbench plan` instead of demonstrations.")
+    ] = False,
+    rate_hz: Annotated[
+        int | None,
+        typer.Option(
+            "--hz", min=1, max=1000, metavar="NUMBER", help="Poses a second (default: the waypoints as they are)."
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace FOLDER with all that is in it.")] = False,
 ) -> None:
-    """Write a task's results in another program's format.
+    """Write a task's demonstrations, its plan or the draws of its weights for other programs, whole or not at all.
 
-    Example: `lessbench export table --to arviz`, then `arviz.from_json("datasets/table/arviz/less.json")`.
+    mcap: a recording of each motion, JointState in CDR. parquet, csv: a table with a column for each joint. lerobot: a
+    dataset of format v3.0 at 30 Hz. arviz: the draws of the weights, for `arviz.from_json`.
+
+    Example: `lessbench export table --to lerobot`, or `lessbench export table --to csv --plan -o plan_for_us`.
     """
-    from pipeline.commands.export_arviz import export_arviz
+    from pipeline.commands.export import Wanted, export
 
-    exporters = {"arviz": export_arviz}
-    if to not in exporters:
-        raise typer.BadParameter(f"{to!r} is not known; there is {', '.join(exporters)}", param_hint="--to")
-    exporters[to](this_project(), task, output)
+    export(this_project(), task, Wanted(to, output, plan, rate_hz, force))
 
 
 @commands.command(rich_help_panel=LOOK)

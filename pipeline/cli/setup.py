@@ -53,7 +53,7 @@ def new_task(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
     recordings: Annotated[Path, typer.Option(help="Folder of recordings.")],
     scene: Annotated[
-        Path | None, typer.Option(help="MJCF or URDF file, with keyframes `start` and `goal` if there are any.")
+        Path | None, typer.Option(help="MJCF, URDF or YAML file, with keyframes `start` and `goal` if there are any.")
     ] = None,
     arm: Annotated[
         Path | None, typer.Option(help="MJCF or URDF file around which a scene is written, in place of --scene.")

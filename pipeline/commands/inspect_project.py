@@ -40,7 +40,7 @@ _GIT_RUNS = re.compile(
     r"program|askpass|uploadpack|receivepack)\s*=\s*(?!true\s*$|false\s*$)(.+)$"
 )
 _REMOTE = re.compile(r"(?im)^\s*url\s*=\s*(.+)$")
-_NAME_FILES = {"scene", "recordings", "given", "choices", "deps", "outs", "path", "wdir", "feature_files"}
+_NAME_FILES = {"scene", "arm", "recordings", "given", "choices", "deps", "outs", "path", "wdir", "feature_files"}
 _FILE_ATTRIBUTES = ("file", "meshdir", "texturedir", "assetdir", "hfile", "filename")
 
 
@@ -230,8 +230,15 @@ def _look_at_names(document: object, shown: str, found: Inspection) -> None:
             found.add(RUNS, shown, f"{place} names the feature file {text}, which runs once you `lessbench trust` it")
         if text.startswith(("tcp://", "tls://")):
             found.add(LEADS_OUT, shown, f"{place} names the address {text}")
-        elif re.sub(r"[.]\d+$", "", place).rpartition(".")[2] in _NAME_FILES and _leads_out(text):
+        elif re.sub(r"[.]\d+$", "", place).rpartition(".")[2] in _NAME_FILES and _leads_out(
+            text, _folder(place, shown)
+        ):
             found.add(LEADS_OUT, shown, f"{place} names {text}")
+
+
+def _folder(place: str, shown: str) -> str:
+    """From where a parameter names a file: the project, or, of the arm of a described scene, the file's own folder."""
+    return PurePosixPath(shown).parent.as_posix() if place == "arm" else ""
 
 
 def _texts(value: object, place: str = "") -> Iterator[tuple[str, str]]:

@@ -232,8 +232,8 @@ def _of_other_hands(scene: Scene) -> list[str]:
     others = joints_elsewhere(scene)
     return (
         [
-            f"{few_of(others)} do not move it, as it is on another arm; features say with `object`, `above` or `body` "
-            "what else they look at."
+            f"{few_of(others)} do not move it, as it is on another arm; features say with `of` that "
+            "they look at its hand."
         ]
         if others
         else []

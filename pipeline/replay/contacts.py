@@ -7,12 +7,13 @@ not touch its parent. Of what touches, only that counts whose distance the joint
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from pipeline.arrays import BoolArray, FloatArray
+from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError
 from pipeline.replay.scene import Scene
 
@@ -21,25 +22,53 @@ Pair = tuple[int, int]
 """Indices of two geoms, the smaller first."""
 
 
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """What touches what at M configurations: K contacts.
+
+    Attributes:
+        configuration: (K,) at which of them.
+        bodies: (K, 2) indices of the two bodies; a contact counts for the bodies of its geoms, what has none is of the
+            world.
+        depth: (K,) how deep they are in each other, m.
+    """
+
+    configuration: IndexArray
+    bodies: IndexArray
+    depth: FloatArray
+
+    def between(self, some: BoolArray, others: BoolArray) -> IndexArray:
+        """The configurations, each once, at which one of some bodies (nbody,) touches one of others (nbody,)."""
+        first, second = self.bodies.T
+        counted = (some[first] & others[second]) | (some[second] & others[first])
+        return np.unique(self.configuration[counted])
+
+
 class Contacts:
     """What the joints of a scene may not bring into contact.
 
     Args:
         scene: from `load_scene`.
         allowed: how deep pairs of geoms may be in each other, m; other pairs may not at all.
+        remedy: what else to do where nothing can touch, for the sentence that says so.
 
     Raises:
         SceneError: nothing that the joints move can touch anything.
     """
 
-    def __init__(self, scene: Scene, allowed: Mapping[Pair, float] | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        allowed: Mapping[Pair, float] | None = None,
+        *,
+        remedy: str = "set the task's collisions to false",
+    ) -> None:
         self.scene, self._allowed = scene, dict(allowed or {})
         self._carrier = np.append(scene.rig.carrier[scene.model.geom_bodyid], -1)  # no geom, as a flex has, stays
         if not self._anything_can_touch():
             raise SceneError(
                 f"{scene.path}: nothing that the joints move can touch anything, as no geom's contype meets another's "
-                "conaffinity or contacts are disabled; give the arm geoms that collide, or set the task's collisions "
-                "to false."
+                f"conaffinity or contacts are disabled; give the arm geoms that collide, or {remedy}."
             )
 
     def free(self, waypoints: FloatArray) -> BoolArray:
@@ -57,6 +86,19 @@ class Contacts:
             pair = (min(first, second), max(first, second))
             found[pair] = max(depth, found.get(pair, 0.0))
         return found
+
+    def touches(self, configurations: FloatArray) -> Touches:
+        """What touches what at each of M configurations (M, J), and nowhere between them."""
+        data = self.scene.rig.data()
+        bodies_of_geoms = np.append(self.scene.model.geom_bodyid, 0)
+        found = [
+            (number, first, second, depth)
+            for number, configuration in enumerate(configurations)
+            for first, second, depth in self._touching(data, configuration)
+        ]
+        numbers = np.array([row[:3] for row in found], dtype=np.intp).reshape(-1, 3)
+        depths = np.array([row[3] for row in found], dtype=np.float64)
+        return Touches(numbers[:, 0], bodies_of_geoms[numbers[:, 1:]].astype(np.intp), depths)
 
     def named(self, pair: Pair) -> str:
         """The bodies of two geoms, for a sentence."""

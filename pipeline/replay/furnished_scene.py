@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -13,8 +14,11 @@ import numpy as np
 from pipeline.arrays import FloatArray
 from pipeline.errors import SceneError
 from pipeline.replay.declared_sizes import check_declared_sizes
-from pipeline.replay.scene import Scene, scene_files
+from pipeline.replay.model_files import model_files
 from pipeline.replay.urdf import is_urdf, read_urdf
+
+if TYPE_CHECKING:
+    from pipeline.replay.scene import Scene
 
 Place = tuple[float, float, float]
 TABLE, TABLE_TOP = "table", "table_top"
@@ -34,21 +38,36 @@ def furnished(arm: Path, output: Path, *, table: bool, objects: Mapping[str, Pla
     Raises:
         SceneError: the arm cannot be read, a name is taken, or a mesh is not there.
     """
-    try:
-        spec, remarks = _read(arm, output.absolute().parent)
-        taken = {body.name for body in spec.bodies}
-        for name in (*((TABLE,) if table else ()), *objects):
-            if name in taken:
-                raise SceneError(f"{arm} has a body {name!r} already; give the object another name")
-        if table:
-            body = spec.worldbody.add_body(name=TABLE, pos=_TABLE_CENTRE)
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=_TABLE_HALF_SIZE, rgba=(0.6, 0.5, 0.4, 1))
-            body.add_site(name=TABLE_TOP, type=mujoco.mjtGeom.mjGEOM_BOX, size=_TABLE_HALF_SIZE)
-        for name, place in objects.items():
-            body = spec.worldbody.add_body(name=name, pos=place)
-            body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(_OBJECT_M, 0, 0), rgba=(0.8, 0.3, 0.2, 1))
+    with building(arm):
+        spec, remarks = furnished_spec(arm, output.absolute().parent, table=table, objects=objects)
         spec.compile()
         return str(spec.to_xml()), remarks
+
+
+def furnished_spec(
+    arm: Path, folder: Path, *, table: bool, objects: Mapping[str, Place]
+) -> tuple[Any, tuple[str, ...]]:
+    """The same as `mujoco.MjSpec`, not compiled yet, its meshes named from a folder; errors as of `furnished`."""
+    spec, remarks = _read(arm, folder)
+    taken = {body.name for body in spec.bodies}
+    for name in (*((TABLE,) if table else ()), *objects):
+        if name in taken:
+            raise SceneError(f"{arm} has a body {name!r} already; give the object another name")
+    if table:
+        body = spec.worldbody.add_body(name=TABLE, pos=_TABLE_CENTRE)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=_TABLE_HALF_SIZE, rgba=(0.6, 0.5, 0.4, 1))
+        body.add_site(name=TABLE_TOP, type=mujoco.mjtGeom.mjGEOM_BOX, size=_TABLE_HALF_SIZE)
+    for name, place in objects.items():
+        body = spec.worldbody.add_body(name=name, pos=place)
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=(_OBJECT_M, 0, 0), rgba=(0.8, 0.3, 0.2, 1))
+    return spec, remarks
+
+
+@contextmanager
+def building(arm: Path) -> Iterator[None]:
+    """Turns what MuJoCo raises into one sentence."""
+    try:
+        yield
     except (ValueError, RuntimeError, mujoco.FatalError) as error:
         raise SceneError(f"MuJoCo cannot build a scene around {arm}: {' '.join(str(error).split())}") from error
 
@@ -78,7 +97,7 @@ def _read(arm: Path, folder: Path) -> tuple[Any, tuple[str, ...]]:
         spec.assets = {}
     else:
         spec = mujoco.MjSpec.from_file(str(arm.absolute()))
-        found = _located(scene_files(arm), spec)
+        found = _located(model_files(arm), spec)
     for part in [*spec.meshes, *spec.hfields, *spec.skins, *spec.textures]:
         if part.file:
             if part.file not in found:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from pipeline.arrays import FloatArray
+from pipeline.arrays import BoolArray, FloatArray
 from pipeline.errors import ArgumentError
+from pipeline.replay.contacts import Contacts, Touches
 from pipeline.replay.mechanism.chain import Posed
 from pipeline.replay.scene import Scene
 
@@ -102,6 +104,41 @@ class Motion:
         if values.shape[1] < 2:
             raise ArgumentError("a velocity needs at least 2 waypoints; give ingest.waypoints of 3 or more.")
         return np.asarray(np.gradient(values, self.time, axis=1))
+
+    @cached_property
+    def contacts(self) -> Touches:
+        """What touches what at the waypoints, by MuJoCo's own contacts: found when first asked for, which is slow.
+
+        Raises:
+            SceneError: nothing that the joints move can touch anything.
+        """
+        n, length, joints = self.waypoints.shape
+        remedy = "leave features of contacts out"
+        return Contacts(self.scene, remedy=remedy).touches(self.waypoints.reshape(n * length, joints))
+
+    def touching(self, one: str = "", other: str = "") -> BoolArray:
+        """Where two bodies, each with its children in the scene, touch, (n, T).
+
+        A contact counts if its distance is one that the joints can change, so that neither what lies on a table nor
+        what the hand holds touches.
+
+        Args:
+            one, other: names of bodies; nothing for any body, of which one is moved by the joints in any case.
+
+        Raises:
+            SceneError: nothing that the joints move can touch anything, or the scene has no body of such a name.
+        """
+        found = np.zeros(self.waypoints.shape[:2], dtype=bool)
+        found.flat[self.contacts.between(self.scene.bodies_under(one), self.scene.bodies_under(other))] = True
+        return found
+
+    def looked_at(self, of: str = "") -> FloatArray:
+        """Origin of a body or site, or of the scene's end effector if there is no name, (n, T, 3) m, read-only.
+
+        Raises:
+            SceneError: the scene has no body or site of that name.
+        """
+        return self.position(of or self.scene.end_effector)
 
     @property
     def end_effector(self) -> FloatArray:

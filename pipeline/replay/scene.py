@@ -6,9 +6,7 @@ Nothing here knows a particular arm: any file whose joints are hinges or slides 
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import degrees
 from pathlib import Path
@@ -20,6 +18,7 @@ import numpy as np
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError, few_of, one_of
 from pipeline.replay.declared_sizes import check_declared_sizes
+from pipeline.replay.described_scene import described_model, is_described, read_description
 from pipeline.replay.mechanism.arm import Joints, chosen_joints, said_of_others
 from pipeline.replay.mechanism.causes import RADIANS_AS_DEGREES, ranges_in_radians
 from pipeline.replay.mechanism.chain import Carried, Chain
@@ -34,6 +33,7 @@ from pipeline.replay.mechanism.keyframes import (
 )
 from pipeline.replay.mechanism.limits import Limits
 from pipeline.replay.mechanism.rig import Rig
+from pipeline.replay.model_files import model_files
 from pipeline.replay.urdf import is_urdf, read_urdf
 
 
@@ -135,6 +135,19 @@ class Scene:
         """Indices of the bodies that the J joints move."""
         return np.flatnonzero([body.joint >= 0 for body in self.chain.bodies])
 
+    def bodies_under(self, name: str) -> BoolArray:
+        """(nbody,) true for a body and its children, and theirs; without a name, true for every body.
+
+        Raises:
+            SceneError: there is no body of that name.
+        """
+        found = np.full(self.model.nbody, not name)
+        if name:
+            found[self.body_id(name)] = True
+            for body in range(1, self.model.nbody):  # parents come first
+                found[body] |= found[self.model.body_parentid[body]]
+        return found
+
     def box_sites(self) -> list[str]:
         """Names of the sites that are boxes, any of which could be a task's surface."""
         kinds = self.model.site_type
@@ -150,7 +163,7 @@ class Scene:
 
 
 def load_scene(path: str | Path, *, end_effector: str | None = None, joints: Joints | None = None) -> Scene:
-    """Read and compile an MJCF file, or a URDF file (see `urdf`).
+    """Read and compile an MJCF file, a URDF file (see `urdf`), or a YAML file that describes a scene around one.
 
     Joints that an equality constraint makes follow others are computed from those (see `couplings`), bodies that an
     active weld ties to the arm are carried by it (see `attachments`), and mocap bodies are where keyframe `start` has
@@ -218,44 +231,27 @@ def model_hash(scene: Scene) -> str:
 
 
 def scene_files(path: str | Path) -> list[Path]:
-    """The file itself and every file it depends on (included files, meshes, textures), sorted.
+    """The file itself and every file it depends on (an arm, included files, meshes, textures), sorted.
 
     Raises:
-        SceneError: one of them is missing or is not XML where it should be.
+        SceneError: one of them is missing or is not what it should be.
     """
     path = Path(path).absolute()
-    if is_urdf(path):
-        return sorted({path, *(Path(os.path.normpath(file)) for file in read_urdf(path).meshes.values())})
-    try:
-        listed = [Path(file) for file in mujoco.mju_getXMLDependencies(str(path))]
-        assets = _assets(path)
-    except (ValueError, mujoco.FatalError) as error:
-        raise SceneError(f"The files that {path} depends on cannot be listed: {_one_line(error)}") from error
-    # MuJoCo lists the meshes of a file that is included from another folder as if they were beside the first file
-    for included in listed:
-        if included.suffix.lower() == ".xml" and included != path:
-            with suppress(ValueError, mujoco.FatalError):  # most included files are no models by themselves
-                assets += _assets(included)
-    return sorted({Path(os.path.normpath(file)) for file in [*listed, *assets] if file.is_file()})
-
-
-def _assets(path: Path) -> list[Path]:
-    """Where MuJoCo finds the meshes, height fields, skins and textures of a model."""
-    spec = mujoco.MjSpec.from_file(str(path))
-    geometry = [part.file for parts in (spec.meshes, spec.hfields, spec.skins) for part in parts]
-    pictures = [file for texture in spec.textures for file in (texture.file, *texture.cubefiles)]
-    folders = ((spec.meshdir, geometry), (spec.texturedir, pictures))
-    return [path.parent / folder / file for folder, files in folders for file in files if file]
+    if is_described(path):
+        return sorted({path, *model_files(read_description(path).arm)})
+    return model_files(path)
 
 
 def compile_scene(path: Path) -> tuple[Any, tuple[str, ...]]:
-    """`mujoco.MjModel` of an MJCF or URDF file, and remarks on it.
+    """`mujoco.MjModel` of an MJCF or URDF file or of a description (see `described_scene`), and remarks on it.
 
     Raises:
         SceneError: the file is missing, declares more than can be built, or does not compile.
     """
     if not path.is_file():
-        raise SceneError(f"There is no scene file {path}; give the path of an MJCF or URDF file.")
+        raise SceneError(f"There is no scene file {path}; give the path of an MJCF, URDF or YAML file.")
+    if is_described(path):
+        return described_model(path)
     check_declared_sizes(path)
     try:  # by the full path, as MuJoCo misses what an included file names if the first path is relative
         if is_urdf(path):

@@ -60,7 +60,7 @@ def test_every_command_of_the_page_runs(project: Project, monkeypatch: pytest.Mo
     monkeypatch.chdir(project.root)
     opened: list[Path] = []
     monkeypatch.setattr("pipeline.views.rerun.recording.open_viewer", opened.append)
-    assert len(COMMANDS) == 11
+    assert len(COMMANDS) == 13
     for command in COMMANDS:
         program, *words = shlex.split(command)
         if program == "dvc":

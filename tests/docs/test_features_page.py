@@ -40,7 +40,7 @@ def apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def test_all_blocks_are_done_here() -> None:
-    assert [language for language, _ in BLOCKS] == ["yaml", "yaml", "sh", "py", "yaml", "sh", "toml"]
+    assert [language for language, _ in BLOCKS] == ["yaml", "yaml", "yaml", "sh", "py", "yaml", "sh", "toml"]
     entry = tomllib.loads(blocks("toml")[0])["project"]["entry-points"]
     assert list(entry) == [own.GROUP]
 
@@ -55,7 +55,7 @@ def test_the_page_from_its_kinds_to_its_question(
     stages that it would run.
     """
     task = parameters["tasks"]["sweep"] | {"end_effector": "mug", "surface": "table_top"}
-    first, thetas, second = (YAML(typ="safe").load(text) for text in blocks("yaml"))
+    first, _, thetas, second = (YAML(typ="safe").load(text) for text in blocks("yaml"))
     task |= thetas | second | {"features": first["features"] | second["features"]}
     root = make_project(parameters | {"tasks": {"sweep": task}}).root
     (root / "gantry.xml").write_text(GANTRY.replace('"tip"', '"mug"').replace('"floor"', '"table_top"'))

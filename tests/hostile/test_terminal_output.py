@@ -47,7 +47,11 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("answer",): [[], ["sweep"], [EVIL], ["--json"]],
     ("plan",): [["sweep"], [EVIL], ["sweep", "--for", EVIL], ["sweep", "--model", EVIL]],
     ("calibrate",): [["sweep", "--repetitions", "1"], [EVIL], ["sweep", "--demonstrations", EVIL]],
-    ("export",): [["sweep", "--to", "arviz"], ["sweep", "--to", EVIL], [EVIL, "--to", "arviz"]],
+    ("export",): [
+        ["sweep", "--to", "arviz"], ["sweep", "--to", EVIL], [EVIL, "--to", "arviz"], ["sweep", "--to", "mcap"],
+        ["sweep", "--to", "csv"], ["sweep", "--to", "lerobot"], ["sweep", "--to", "parquet", "--plan"],
+        ["sweep", "--to", "csv", "-o", f"out/{FILE}", "--hz", "10"], ["sweep", "--to", "parquet", "-o", f"out/{FILE}"],
+    ],
     ("inspect",): [["sweep"], ["studies"], [EVIL]],
     ("figures",): [["sweep"], ["studies"], [EVIL]],
     ("catalog",): [[]],

@@ -55,10 +55,10 @@ def test_defaults_are_the_world_and_forty_centimetres(gantry, waypoints):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ({}, r"features\.f\.kind is None; allowed are clearance, distance, efficiency, height"),
+        ({}, r"features\.f\.kind is None; allowed are clearance, contact, distance, efficiency, height"),
         ({"kind": "haste"}, r"features\.f\.kind is 'haste'; allowed are clearance"),
         ({"kind": "efficiency", "gain": 2}, r"features\.f\.gain is unknown to efficiency; allowed are \(none\)"),
-        ({"kind": "proximity", "radius": 2}, r"features\.f\.radius is unknown .* allowed are object, radius_m"),
+        ({"kind": "proximity", "radius": 2}, r"features\.f\.radius is unknown .* allowed are object, of, radius_m"),
         ({"kind": "proximity"}, r"features\.f\.object is missing"),
         ({"kind": "proximity", "object": 3}, r"features\.f\.object is 3; it must be of type str"),
         ({"kind": "proximity", "object": "bin", "radius_m": "1"}, r"radius_m is '1'; it must be of type float"),

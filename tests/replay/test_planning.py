@@ -55,7 +55,9 @@ def test_terms_are_those_of_the_features(gantry: Scene) -> None:
 
 
 def test_an_unknown_kind_is_refused_under_its_own_name(gantry: Scene) -> None:
-    with pytest.raises(ParameterError, match=r"^preferences\.p\.kind is 'haste'; allowed are clearance, distance"):
+    with pytest.raises(
+        ParameterError, match=r"^preferences\.p\.kind is 'haste'; allowed are clearance, contact, distance"
+    ):
         planning(gantry, {"p": {"kind": "haste"}})
 
 

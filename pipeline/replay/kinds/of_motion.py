@@ -22,7 +22,7 @@ _AXES = "xyz"
 @feature("speed", unit="m/s", direction=COST, over_time=GREATEST)
 def speed(motion: Motion, *, of: str = "", duration_s: float = 1.0) -> FloatArray:
     """Greatest speed of a body or site (the end effector), from one waypoint to the next."""
-    steps = np.diff(motion.position(_named(motion, of)), axis=1)
+    steps = np.diff(motion.looked_at(of), axis=1)
     per_step_s = _duration(duration_s) / steps.shape[1]
     return np.asarray(np.linalg.norm(steps, axis=-1).max(axis=1) / per_step_s)
 
@@ -30,7 +30,7 @@ def speed(motion: Motion, *, of: str = "", duration_s: float = 1.0) -> FloatArra
 @feature("jerk", unit="m^2/s^6", direction=COST, over_time=MEAN)
 def jerk(motion: Motion, *, of: str = "", duration_s: float = 1.0) -> FloatArray:
     """Squared third derivative of the position of a body or site (the end effector), by finite differences."""
-    positions = motion.position(_named(motion, of))
+    positions = motion.looked_at(of)
     if positions.shape[1] < 4:
         raise ArgumentError("jerk needs at least 4 waypoints; raise ingest.waypoints.")
     per_step_s = _duration(duration_s) / (positions.shape[1] - 1)
@@ -41,20 +41,20 @@ def jerk(motion: Motion, *, of: str = "", duration_s: float = 1.0) -> FloatArray
 @feature("clearance", unit="m", direction=WISH, over_time=LEAST)
 def clearance(motion: Motion, *, over: str, of: str = "") -> FloatArray:
     """Least height of a body or site (the end effector) over a box site's upper side, or over another's origin."""
-    height = motion.position(_named(motion, of))[..., 2] - motion.position(over)[..., 2]
+    height = motion.looked_at(of)[..., 2] - motion.position(over)[..., 2]
     return np.asarray((height - _half_height(motion, over)).min(axis=1))
 
 
 @feature("distance", unit="m", direction=EITHER, over_time=MEAN)
 def distance(motion: Motion, *, object: str, of: str = "") -> FloatArray:
     """Distance of a body or site (the end effector) from another."""
-    return _mean_distance(motion.position(_named(motion, of)), motion.position(object))
+    return _mean_distance(motion.looked_at(of), motion.position(object))
 
 
 @feature("point_distance", unit="m", direction=EITHER, over_time=MEAN)
 def point_distance(motion: Motion, *, x_m: float, y_m: float, z_m: float, of: str = "") -> FloatArray:
     """Distance of a body or site (the end effector) from a point of the world."""
-    return _mean_distance(motion.position(_named(motion, of)), np.array([x_m, y_m, z_m]))
+    return _mean_distance(motion.looked_at(of), np.array([x_m, y_m, z_m]))
 
 
 @feature("upright", unit="rad", direction=COST, over_time=GREATEST)
@@ -69,7 +69,20 @@ def upright(motion: Motion, *, body: str, axis: str = "z") -> FloatArray:
 @feature("time_near", unit="share of the time", direction=EITHER, over_time=MEAN)
 def time_near(motion: Motion, *, object: str, radius_m: float, of: str = "") -> FloatArray:
     """Share of the time in which a body or site (the end effector) is within a radius of another."""
-    return share_within(motion.position(_named(motion, of)) - motion.position(object), radius_m)
+    return share_within(motion.looked_at(of) - motion.position(object), radius_m)
+
+
+@feature("contact", unit="share of the time", direction=COST, over_time=MEAN)
+def contact(motion: Motion, *, object: str = "", of: str = "") -> FloatArray:
+    """Share of the waypoints at which a body touches another, each with its children in the scene.
+
+    Without `of`, everything that the joints move; without `object`, anything, the arm itself too. What touches is what
+    MuJoCo says, see `Motion.touching`.
+
+    Raises:
+        SceneError: nothing that the joints move can touch anything, or there is no such body.
+    """
+    return np.asarray(motion.touching(of, object).mean(axis=1))
 
 
 @feature("limit_nearness", unit="share of half the range", direction=COST, over_time=GREATEST)
@@ -104,14 +117,10 @@ def manipulability(motion: Motion, *, of: str = "") -> FloatArray:
 
     Source: Yoshikawa, Manipulability of Robotic Mechanisms, 1985, equation 8.
     """
-    jacobian = motion.jacobian(_named(motion, of))
+    jacobian = motion.jacobian(of or motion.scene.end_effector)
     transposed = np.swapaxes(jacobian, -1, -2)
     squares = jacobian @ transposed if jacobian.shape[-1] >= 3 else transposed @ jacobian
     return np.asarray(np.sqrt(np.maximum(np.linalg.det(squares), 0.0)).min(axis=1))
-
-
-def _named(motion: Motion, of: str) -> str:
-    return of or motion.scene.end_effector
 
 
 def _duration(duration_s: float) -> float:

@@ -21,21 +21,21 @@ def efficiency(motion: Motion) -> FloatArray:
 
 
 @feature("height", unit="m")
-def height(motion: Motion, *, above: str = "world") -> FloatArray:
-    """Height of the end effector over the origin of a body or site, summed over waypoints."""
-    return measures.summed_height(motion.end_effector[..., 2] - motion.position(above)[..., 2])
+def height(motion: Motion, *, above: str = "world", of: str = "") -> FloatArray:
+    """Height of a body or site (the end effector) over the origin of another, summed over waypoints."""
+    return measures.summed_height(motion.looked_at(of)[..., 2] - motion.position(above)[..., 2])
 
 
 @feature("proximity", unit="m")
-def proximity(motion: Motion, *, object: str, radius_m: float = 0.4) -> FloatArray:
-    """How far the end effector is inside a vertical cylinder around a body or site, summed over waypoints."""
-    return measures.summed_closeness(motion.end_effector, motion.position(object), radius_m)
+def proximity(motion: Motion, *, object: str, radius_m: float = 0.4, of: str = "") -> FloatArray:
+    """How far a body or site (the end effector) is inside a vertical cylinder around another, summed over waypoints."""
+    return measures.summed_closeness(motion.looked_at(of), motion.position(object), radius_m)
 
 
 @feature("path_length", unit="m")
-def path_length(motion: Motion) -> FloatArray:
-    """Distance the end effector travels."""
-    return measures.path_lengths(motion.end_effector)
+def path_length(motion: Motion, *, of: str = "") -> FloatArray:
+    """Distance that a body or site (the end effector) travels."""
+    return measures.path_lengths(motion.looked_at(of))
 
 
 @feature("tilt", unit="rad")
