@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from pipeline.errors import ParameterError, one_of
-from pipeline.params.sections import FILE, Params, Reading, ShiftedSampler, Task
+from pipeline.params.sections import FILE, Params, Reading, Redraws, ShiftedSampler, Task
 from pipeline.params.sizes import check_sizes
 from pipeline.yaml_text import YamlError, plain_yaml
 
@@ -167,7 +167,8 @@ def _nearest(location: list[Any]) -> str:
     for part in location[:-1]:
         field = _fields(model).get(str(part))
         if field is not None:
-            model = {"tasks": Task, "samplers": ShiftedSampler, "reading": Reading}.get(part, field.annotation)
+            named = {"tasks": Task, "samplers": ShiftedSampler, "reading": Reading, "redraws": Redraws}
+            model = named.get(part, field.annotation)
     names = list(_fields(model))
     close = difflib.get_close_matches(str(location[-1]), names, n=1)
     return f"did you mean {close[0]!r}?" if close else f"allowed are {one_of(names)}"
