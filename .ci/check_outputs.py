@@ -11,7 +11,7 @@ import schemas
 from pipeline.formats.duckdb.questions import ask
 from pipeline.formats.duckdb.views import FILES, INPUTS
 from pipeline.formats.parquet.tables import read_table
-from pipeline.stages.registry import BY_COMMAND, table_makers
+from pipeline.stages.registry import BY_COMMAND, STAGES, table_makers
 from pipeline.views.rerun.recording import quiet_environment
 from pipeline.vocabulary import STUDIES
 from pipeline.workspace.project import Project
@@ -25,7 +25,11 @@ def main() -> None:
     params = project.params
     rerun = Path(sys.executable).with_name("rerun")
     for task in params.tasks:
-        tables = {name: read_table(project.table(task, name), name) for name in table_makers(task)}
+        tables = {
+            name: read_table(project.table(task, name), name)
+            for name, maker in table_makers(task).items()
+            if maker in STAGES
+        }
         people = params.simulate.participants
         expect(tables["demonstrations"].height == people, f"{task}: {people} demonstrations")
         expect(tables["rejected"].is_empty(), f"{task}: no rejected recording")
