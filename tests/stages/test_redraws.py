@@ -114,7 +114,7 @@ def test_laptop2_of_the_twelve_people_at_reduced_size(shared: Path, tmp_path: Pa
     """The paper's pattern in the laptop task: an interaction, LESS lower at 10 and 30, no difference at 1,000.
 
     Reduced: 2 draws of one sampler instead of 20 of seven, and sets of three sizes. Over all draws the median F of the
-    interaction is 125 (5 to 95 %: 25 to 371 in docs/results.md), so it is far from the bound here.
+    interaction is 125 (5 to 95 %: 63 to 368, docs/twelve.md), so it is far from the bound here.
     """
     root = tmp_path / "project"
     root.mkdir()

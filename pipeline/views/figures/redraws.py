@@ -130,7 +130,7 @@ def _ratio_axis(ax: Axes, ends: pl.DataFrame) -> None:
     values = np.clip(ends.drop_nulls().to_numpy().ravel(), 1 / MOST, MOST)
     ax.set_yscale("log")
     ax.set_ylim(values.min() / 1.15, values.max() * 1.15)
-    ticks = FINE_RATIOS if values.max() < 12 * values.min() else COARSE_RATIOS
+    ticks = FINE_RATIOS if values.max() < 40 * values.min() else COARSE_RATIOS
     shown = [tick for tick in ticks if values.min() / 1.15 <= tick <= values.max() * 1.15]
     ax.yaxis.set_major_locator(FixedLocator(shown))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
