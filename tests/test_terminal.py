@@ -74,6 +74,8 @@ def test_nothing_is_printed_past_this_module() -> None:
     }
     assert found == {
         "formats/duckdb/query_process.py: sys.stdout",  # a process of its own, that no terminal reads
+        "formats/parquet/foreign_tables.py: sys.stdout",  # likewise
+        "formats/recordings/hdf5_process.py: sys.stdout",  # likewise
         "formats/parquet/measured.py: sys.stdout",  # likewise: numbers for the process that has started it
         "workspace/progress.py: print(",  # of rich, on standard error, with texts of `cell`
         "commands/sql/layout.py: print(",  # of rich, into a text, with texts of `cell`

@@ -156,7 +156,10 @@ def run(project: Project, *words: str) -> subprocess.CompletedProcess[str]:
 
 
 MISTAKES: dict[str, tuple[tuple[str, ...], str]] = {
-    "no such study": (("study", "astrology"), "no study 'astrology'; there are grid-world, human-choice, robustness"),
+    "no such study": (
+        ("study", "astrology"),
+        "no study 'astrology'; there are grid-world, human-choice, redraws, robustness",
+    ),
     "no task": (("study", "robustness"), "robustness needs a task; there are sweep"),
     "a task too much": (("study", "grid-world", "sweep"), "grid-world takes no task; leave 'sweep' out"),
     "nothing sampled": (("study", "robustness", "sweep"), "shifted_alternatives.parquet: there is no such file"),

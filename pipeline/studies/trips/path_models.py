@@ -21,7 +21,7 @@ from pipeline.studies.trips.drawn_paths import PathSet
 
 BOLTZMANN, PATH_SIZE = vocabulary.BOLTZMANN, vocabulary.PATH_SIZE
 BOLTZMANN_CORRECTED, EXPANDED_PATH_SIZE = "boltzmann-corrected", "expanded-path-size"
-LESS, LESS_POOLED, LESS_LINKS = vocabulary.LESS, "less-pooled", "less-links"
+LESS, LESS_POOLED, LESS_LINKS = vocabulary.LESS, vocabulary.LESS_POOLED, "less-links"
 RECURSIVE_LOGIT = "recursive-logit"
 MODELS: Mapping[str, str] = MappingProxyType(
     {

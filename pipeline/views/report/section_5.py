@@ -122,7 +122,7 @@ def _in_short(results: Mapping[str, TaskResults]) -> list[str]:
         single = one.leads.filter(model=LESS, demonstrations=SINGLE, sampler=one.default_sampler).sort("set_size")
         lower = [f"{row['set_size']:,}" for row in single.iter_rows(named=True) if row["high"] < 1]
         higher = [f"{row['set_size']:,}" for row in single.iter_rows(named=True) if row["low"] > 1]
-        ratio = _sentence(lower, higher, "steadier", "less steady", "sets of")
+        ratio = _sentence(lower, higher, "is steadier", "is less steady", "sets of")
         ahead = one.held_out_leads.filter(model=LESS, beta=INFERRED).filter(pl.col("sampler") != EXPLORED)
         largest = ahead.filter(pl.col("set_size") == pl.col("set_size").max()) if ahead.height else ahead
         better = [row["sampler"].replace("_", " ") for row in largest.iter_rows(named=True) if row["low"] > 0]
@@ -136,12 +136,7 @@ def _in_short(results: Mapping[str, TaskResults]) -> list[str]:
 
 
 def _sentence(better: Sequence[str], worse: Sequence[str], good: str, bad: str, place: str) -> str:
-    parts = [
-        f"is {word} with {place} {', '.join(where)}" if word.split()[0] in ("steadier", "less") else
-        f"{word} with {place} {', '.join(where)}"
-        for word, where in ((good, better), (bad, worse))
-        if where
-    ]  # fmt: skip
+    parts = [f"{word} with {place} {', '.join(where)}" for word, where in ((good, better), (bad, worse)) if where]
     return " and ".join(parts) if parts else "cannot be told from Boltzmann"
 
 
