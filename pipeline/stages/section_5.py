@@ -70,7 +70,6 @@ def _results(project: Project, name: str) -> TaskResults:
         real=people["true_theta"].null_count() == people.height,
         anova=table("robustness_anova"),
         post_hoc=table("robustness_post_hoc"),
-        summary=table("robustness_summary"),
         leads=leads,
         held_out_leads=table("redraws_held_out_leads", needed=True),
         positions=table("redraws_positions", needed=True),

@@ -37,7 +37,6 @@ class TaskResults:
     Attributes:
         real: whether people, and not simulated participants, demonstrated it.
         anova, post_hoc: of the default ten sets (robustness_anova, robustness_post_hoc); empty if they are not there.
-        summary: robustness_summary; empty if it is not there.
         leads, held_out_leads, positions, draws_anova: of the redrawn sets.
         default_sampler: of the redrawn ones, that of the paper's regime.
         effort: name of the feature that is the effort; None if there is none.
@@ -46,7 +45,6 @@ class TaskResults:
     real: bool
     anova: pl.DataFrame
     post_hoc: pl.DataFrame
-    summary: pl.DataFrame
     leads: pl.DataFrame
     held_out_leads: pl.DataFrame
     positions: pl.DataFrame
