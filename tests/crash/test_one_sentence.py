@@ -28,15 +28,19 @@ needs_mounts = pytest.mark.skipif(
     reason="a disk of its own can be mounted by root only, where the system allows it",
 )
 FULL = """
-mount -t tmpfs -o size=64m tmpfs "$1" && cp -r "$2/." "$1" && cd "$1"
-head -c 64m /dev/zero > filler 2>/dev/null
+set -e
+mount -t tmpfs -o size=512m tmpfs "$1"; cp -r "$2/." "$1"; cd "$1"
+set +e
+head -c 512m /dev/zero > filler 2>/dev/null
 for stage in {stages}; do
     echo "@@ $stage"; eval lessbench $(echo "$stage" | tr _ ' ') 2>&1; echo "status $?"
 done
 rm filler; cp -r datasets "$3"
 """
 READ_ONLY = """
-mount --bind "$1/datasets" "$1/datasets" && mount -o remount,ro,bind "$1/datasets" && cd "$1"
+set -e
+mount --bind "$1/datasets" "$1/datasets"; mount -o remount,ro,bind "$1/datasets"; cd "$1"
+set +e
 for stage in {stages}; do
     echo "@@ $stage"; eval lessbench $(echo "$stage" | tr _ ' ') 2>&1; echo "status $?"
 done
