@@ -58,6 +58,7 @@ USED_FOR = {
     "pydantic": "params.yaml checked",
     "ruamel-yaml": "params.yaml read and edited",
     "typer": "the command line",
+    "click": "the pager of lessbench sql",
     "rich": "tables and progress on a terminal",
     "prompt-toolkit": "the prompt of lessbench sql",
     "pygments": "SQL in colours at that prompt",
