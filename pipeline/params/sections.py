@@ -458,6 +458,20 @@ class Redraws(_Section):
     samplers: Annotated[dict[Name, ShiftedSampler], Field(min_length=1), AfterValidator(_frozen)]
 
 
+class Regimes(_Section):
+    """Ways to come by alternatives, side by side, see docs/choice_space.md.
+
+    Attributes:
+        optima: planned paths for every theta that a set gets.
+        choices: of each simulated person.
+        repetitions: simulated people for each theta and beta, judged by each set.
+    """
+
+    optima: Annotated[int, Field(strict=True, ge=1, le=100)] = 3
+    choices: Annotated[int, Field(strict=True, ge=1, le=1000)] = 12
+    repetitions: Annotated[int, Field(strict=True, ge=1, le=1000)] = 3
+
+
 class Robustness(_Section):
     """The study of how far a posterior depends on the alternatives that were sampled."""
 
@@ -465,6 +479,7 @@ class Robustness(_Section):
     duplicates: Duplicates
     bandwidth_factors: Annotated[tuple[Positive, ...], Field(min_length=1)]
     redraws: Redraws | None = None
+    regimes: Regimes = Field(default_factory=Regimes)
 
     @model_validator(mode="after")
     def _names_and_numbers(self) -> Robustness:

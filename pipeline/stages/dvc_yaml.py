@@ -47,7 +47,7 @@ NEUTRAL = {
     "pipeline/workspace/project.py",
     "pipeline/workspace/trust.py",
 }
-MOST = 0.34  # share of the files in a folder, from which on a stage waits for the whole folder
+MOST = 0.33  # share of the files in a folder, from which on a stage waits for the whole folder
 MANY = 4  # tables of a stage, from which on it waits for the folder of all schemas
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
