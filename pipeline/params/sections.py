@@ -74,6 +74,7 @@ def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
 Spec = Annotated[dict[str, str | float | int | bool], AfterValidator(_frozen)]
 Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)]
 FeaturePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_./-]+\.py$")]  # as it stands in dvc.yaml
+ScenePart = Annotated[str, Field(pattern=r"^[^$\x00-\x1f]+$", max_length=4096)]  # likewise, quoted
 ThetaValues = Annotated[
     dict[Name, Annotated[tuple[Finite, ...], Field(min_length=1)]], Field(min_length=1), AfterValidator(_frozen)
 ]
@@ -181,12 +182,14 @@ class Task(_Section):
     `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `joints` are
     those of the arm, or a body whose subtree has them; None: those that carry the end effector. `joint_names` gives the
     joints of the recordings the names that the scene has for them; `reading` says of tables and datasets what they do
-    not say themselves. `feature_files` define further kinds of features.
+    not say themselves. `feature_files` define further kinds of features; `scene_files` are files and folders that the
+    scene depends on, of which DVC would not know.
     `thetas` are `grid`, or the values of theta for some features in a grid (negative: a cost, positive: a wish), or
     weight vectors.
     """
 
     scene: str
+    scene_files: tuple[ScenePart, ...] = ()
     end_effector: str
     joints: JointNames | None = None
     joint_names: Renamed = Field(default_factory=dict, validate_default=True)

@@ -318,6 +318,7 @@ UNDECLARED = {
     "tasks.{task}.scene": "the stage `scene` alone follows it; the others depend on scene.json, which changes with it",
     "tasks.{task}.joints": "likewise, as scene.json lists the joints",
     "tasks.{task}.joint_names": "likewise, as scene.json has the names",
+    "tasks.{task}.scene_files": "the stage `scene` depends on the files themselves; most tasks need not name any",
     "tasks.{task}.feature_files": "stages depend on the files themselves; older parameters do not name any",
 }
 
