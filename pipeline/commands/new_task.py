@@ -209,7 +209,7 @@ def _said_of_joints(
     out += [f"{few_of(free)} (moves freely, not by joints)"] if free else []
     odd = [name for name in recorded.some if name in scene.joints or name in names]
     return [
-        f"Joints of the arm: {', '.join(scene.joints)}, which all {recorded.recordings} recordings have.",
+        f"Joints of the arm: {', '.join(scene.joints)}, which {_all(recorded.recordings)}.",
         *([f"Left out, and kept at home: {'; '.join(out)}. Name others with --joint."] if out else []),
         *(
             [f"The recordings call them otherwise: {few_of([f'{one}: {ours}' for one, ours in names.items()])}."]
@@ -278,3 +278,7 @@ def _skeleton(
         "preferences": terms,
         "thetas": "grid",
     }
+
+
+def _all(recordings: int) -> str:
+    return "the recording has" if recordings == 1 else f"all {recordings} recordings have"

@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from pipeline.errors import ParameterError, nearest, one_of
+from pipeline.plug_ins import MODELS, SAMPLERS, installed_names
 from pipeline.vocabulary import (
     CLOCKS,
     DEFORMATION,
@@ -47,23 +48,27 @@ Cell = Annotated[int, Field(strict=True, ge=0, le=10)]
 Finite = Annotated[float, Field(strict=True, ge=-1e9, le=1e9, allow_inf_nan=False)]
 
 
-def _word_of(words: Iterable[str]) -> BeforeValidator:
-    """A check like that of `Literal`, with the same message, for words that are listed in the vocabulary."""
+def _word_of(words: Iterable[str], group: str | None = None) -> BeforeValidator:
+    """A check like that of `Literal`, with the same message, for words that are listed in the vocabulary.
+
+    Installed packages add to them what they have in the `group` of `pipeline.plug_ins`.
+    """
     allowed = tuple(words)
-    listed = f"{', '.join(repr(word) for word in allowed[:-1])} or {allowed[-1]!r}"
 
     def check(value: object) -> object:
-        if value not in allowed:
+        if value not in allowed and not (group and value in installed_names(group)):
+            every = (*allowed, *(installed_names(group) if group else ()))
+            listed = f"{', '.join(repr(word) for word in every[:-1])} or {every[-1]!r}"
             raise PydanticCustomError("literal_error", f"Input should be {listed}")
         return value
 
-    return BeforeValidator(check)
+    return BeforeValidator(check, json_schema_input_type=Literal[allowed])  # for docs/parameters.md
 
 
 AnchorWord = Annotated[str, _word_of((TASK_ANCHOR, DEMONSTRATION_ANCHOR))]
 ClockWord = Annotated[Clock, _word_of(CLOCKS)]
-ModelWord = Annotated[str, _word_of(INFERRED_MODELS)]
-SamplerWord = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE, GIVEN))]
+ModelWord = Annotated[str, _word_of(INFERRED_MODELS, MODELS)]
+SamplerWord = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE, GIVEN), SAMPLERS)]
 SamplerKind = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE))]
 
 
@@ -319,6 +324,15 @@ class Sample(_Section):
     deformation: Deformation
     via_point: Annotated[ViaPoint, Field(alias=VIA_POINT)]
     planner: Planner
+    settings: Spec = Field(default_factory=dict, validate_default=True)
+
+    @model_validator(mode="after")
+    def _settings_for_an_installed_sampler(self) -> Sample:
+        if self.settings and self.sampler not in installed_names(SAMPLERS):
+            raise ValueError(
+                f"settings is for samplers of installed packages, and {self.sampler} has a section of its own"
+            )
+        return self
 
     @model_validator(mode="after")
     def _given_if_asked_for(self) -> Sample:

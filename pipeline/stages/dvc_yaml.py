@@ -39,6 +39,7 @@ NEUTRAL = {
     "pipeline/params/reading.py",
     "pipeline/params/sections.py",
     "pipeline/params/sizes.py",
+    "pipeline/plug_ins.py",
     "pipeline/stages/registry.py",
     "pipeline/terminal.py",
     "pipeline/workspace/outputs.py",
