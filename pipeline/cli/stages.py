@@ -133,7 +133,7 @@ def study(
         str,
         typer.Argument(
             metavar="NAME",
-            help="human-choice, grid-world, robustness, redraws, section-5 or trips.",
+            help="human-choice, grid-world, robustness, redraws, regimes, section-5 or trips.",
             autocompletion=_studies,
         ),
     ],
@@ -145,7 +145,8 @@ def study(
         typer.Option(metavar="FILE", help="With human-choice: analyse the choices in FILE. No table is changed."),
     ] = None,
 ) -> None:
-    """Run a study: `human-choice`, `grid-world`, `robustness TASK`, `redraws TASK`, `section-5`, or `trips`.
+    """Run a study: `human-choice`, `grid-world`, `robustness TASK`, `redraws TASK`, `regimes TASK`,
+    `section-5`, or `trips`.
 
     Examples: `lessbench study grid-world`, `lessbench study robustness table`,
     `lessbench study human-choice --choices choices.csv`.

@@ -64,7 +64,7 @@ def built_scene(project: Project, wishes: Wishes, wanted: Surroundings) -> Itera
             wishes,
             [
                 f"Scene: {project.named(file)}, {wanted.arm.name}{' with ' if around else ''}{', '.join(around)}; edit "
-                "it as you like.",
+                f"it as you like; later changes of {wanted.arm.name} do not reach it.",
                 "Its keyframes start and goal are the medians of where the recordings start and end."
                 if ends
                 else "It has no keyframes, as the recordings start or end in different places.",

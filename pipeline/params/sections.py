@@ -79,6 +79,7 @@ def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
 Spec = Annotated[dict[str, str | float | int | bool], AfterValidator(_frozen)]
 Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)]
 FeaturePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_./-]+\.py$")]  # as it stands in dvc.yaml
+ScenePart = Annotated[str, Field(pattern=r"^[^$\x00-\x1f]+$", max_length=4096)]  # likewise, quoted
 ThetaValues = Annotated[
     dict[Name, Annotated[tuple[Finite, ...], Field(min_length=1)]], Field(min_length=1), AfterValidator(_frozen)
 ]
@@ -186,12 +187,14 @@ class Task(_Section):
     `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `joints` are
     those of the arm, or a body whose subtree has them; None: those that carry the end effector. `joint_names` gives the
     joints of the recordings the names that the scene has for them; `reading` says of tables and datasets what they do
-    not say themselves. `feature_files` define further kinds of features.
+    not say themselves. `feature_files` define further kinds of features; `scene_files` are files and folders that the
+    scene depends on, of which DVC would not know.
     `thetas` are `grid`, or the values of theta for some features in a grid (negative: a cost, positive: a wish), or
     weight vectors.
     """
 
     scene: str
+    scene_files: tuple[ScenePart, ...] = ()
     end_effector: str
     joints: JointNames | None = None
     joint_names: Renamed = Field(default_factory=dict, validate_default=True)
@@ -472,6 +475,20 @@ class Redraws(_Section):
     samplers: Annotated[dict[Name, ShiftedSampler], Field(min_length=1), AfterValidator(_frozen)]
 
 
+class Regimes(_Section):
+    """Ways to come by alternatives, side by side, see docs/choice_space.md.
+
+    Attributes:
+        optima: planned paths for every theta that a set gets.
+        choices: of each simulated person.
+        repetitions: simulated people for each theta and beta, judged by each set.
+    """
+
+    optima: Annotated[int, Field(strict=True, ge=1, le=100)] = 3
+    choices: Annotated[int, Field(strict=True, ge=1, le=1000)] = 12
+    repetitions: Annotated[int, Field(strict=True, ge=1, le=1000)] = 3
+
+
 class Robustness(_Section):
     """The study of how far a posterior depends on the alternatives that were sampled."""
 
@@ -479,6 +496,7 @@ class Robustness(_Section):
     duplicates: Duplicates
     bandwidth_factors: Annotated[tuple[Positive, ...], Field(min_length=1)]
     redraws: Redraws | None = None
+    regimes: Regimes = Field(default_factory=Regimes)
 
     @model_validator(mode="after")
     def _names_and_numbers(self) -> Robustness:
