@@ -119,8 +119,14 @@ def test_a_file_whose_question_fails_on_the_way_is_not_there(catalog: Path, tmp_
 @pytest.mark.parametrize(
     ("question", "said"),
     [
-        ("from posteriors where task = 'b'", "the catalog has no task 'b'; it has a\n"),
-        ("from posteriors where TASK='\x1b[2J'", "the catalog has no task '\\x1b[2J'; it has a\n"),
+        (
+            "from posteriors where task = 'b'",
+            "the catalog has no task 'b'; it has a; `lessbench catalog` makes it anew\n",
+        ),
+        (
+            "from posteriors where TASK='\x1b[2J'",
+            "the catalog has no task '\\x1b[2J'; it has a; `lessbench catalog` makes it anew\n",
+        ),
         ("from posteriors where task = 'a' and beta = 7", ""),
         ("from posteriors where beta = 7", ""),
         ("select count(*) from posteriors where task == 'b'", "the catalog has no task 'b'; it has a\n"),
