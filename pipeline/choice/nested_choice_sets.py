@@ -78,19 +78,33 @@ class NestedChoiceSets:
         if start is None:
             start = np.append(self.sets.estimate(logs, often), 0.7)
         first = np.array(start, dtype=np.float64)
-        bounds = [(None, None)] * (len(first) - 1) + [(LEAST_DISSIMILARITY, 1.0)]
+        # the dissimilarity first, so that its bounds remain bounds where steps of all parameters are of one length
+        turned = np.append(len(first) - 1, np.arange(len(first) - 1))
+        _, slopes = self._parts(first, logs)
+        curvature = (slopes[:, turned].T * often) @ slopes[:, turned] / often.sum()
+        curvature += 1e-12 * np.diag(np.maximum(np.diag(curvature), 1.0))
+        steps = np.linalg.cholesky(np.linalg.inv(curvature))
+        ends = (np.array([LEAST_DISSIMILARITY, 1.0]) - first[-1]) / steps[0, 0]
 
-        def negative(parameters: FloatArray) -> tuple[float, FloatArray]:
-            log_p, slopes = self._parts(parameters, logs)
-            return -float(often @ log_p) / often.sum(), -(often @ slopes) / often.sum()
+        def negative(moved: FloatArray) -> tuple[float, FloatArray]:
+            log_p, slopes = self._parts(there(moved), logs)
+            return -float(often @ log_p) / often.sum(), -(often @ slopes)[turned] @ steps / often.sum()
+
+        def there(moved: FloatArray) -> FloatArray:
+            parameters = first.copy()
+            parameters[turned] += steps @ moved
+            parameters[-1] = min(max(parameters[-1], LEAST_DISSIMILARITY), 1.0)
+            return parameters
 
         found: Any = optimize.minimize(
-            negative, first, jac=True, method="L-BFGS-B", bounds=bounds,
-            options={"maxiter": 500, "ftol": 1e-12, "gtol": 1e-6},
+            negative, np.zeros(len(first)), jac=True, method="L-BFGS-B",
+            bounds=[tuple(ends), *[(None, None)] * (len(first) - 1)],
+            options={"maxiter": 500, "ftol": 1e-13, "gtol": 1e-5},
         )  # fmt: skip
+        best = there(found.x)
         if not found.success:
-            raise ArgumentError(f"the search stopped at {found.x.tolist()} ({found.message}).")
-        return found.x[:-1], float(found.x[-1])
+            raise ArgumentError(f"the search stopped at {best.tolist()} ({found.message}).")
+        return best[:-1], float(best[-1])
 
     @cached_property
     def _layout(self) -> _Layout:
