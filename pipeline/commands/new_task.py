@@ -17,6 +17,7 @@ from pipeline.errors import ParameterError, few_of, one_of
 from pipeline.formats.files.atomic import written_whole
 from pipeline.replay.arm_proposal import UnknownArm, hand_of_scene, joints_elsewhere
 from pipeline.replay.scene import Scene, load_scene
+from pipeline.stages.dvc_yaml import FILE as DVC_YAML
 from pipeline.stages.registry import stage
 from pipeline.stages.scene import unwatched_files
 from pipeline.vocabulary import RESERVED_FOLDERS
@@ -127,8 +128,7 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
         *features,
         *(f"Of the scene: {remark}." for remark in scene.remarks),
         *_of_files(parts),
-        f"Say in {wishes.file} which features matter, then run: dvc repro infer@{wishes.name} for the posterior, or "
-        f"dvc repro inspect@{wishes.name} to look at it, too",
+        f"Say in {wishes.file} which features matter, then run: {_next_command(project, wishes.name)}",
         *([] if remedy is None else [remedy]),
     ]
 
@@ -282,3 +282,9 @@ def _skeleton(
 
 def _all(recordings: int) -> str:
     return "the recording has" if recordings == 1 else f"all {recordings} recordings have"
+
+
+def _next_command(project: Project, name: str) -> str:
+    if (project.root / DVC_YAML).is_file():
+        return f"dvc repro infer@{name} for the posterior, or dvc repro inspect@{name} to look at it, too"
+    return f"lessbench run {name}"

@@ -387,7 +387,7 @@ def _lines(belief: Belief) -> list[str]:
         best, left = posterior.map_index, np.exp(entropy(posterior.marginal_theta))
         found.append(
             f"{model_name(model)} {labels[best]} (P {posterior.marginal_theta[best]:.3f}, {left:.1f} of "
-            f"{len(thetas)} thetas left)"
+            f"{len(thetas)} thetas still plausible)"
         )
     return found
 

@@ -174,7 +174,7 @@ def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
         f"{view.alternatives.height:,} alternatives ({project.params.sample.sampler}{_anchored(view)}), scene "
         f"`{Path(task.scene).name}`.",
         "",
-        "| model | most probable | P(theta) | beta | thetas left |",
+        "| model | most probable | P(theta) | beta | thetas still plausible |",
         "|---|---|---|---|---|",
     ]
     together = view.fits.filter(demonstration_id=ALL, participant=ALL)
@@ -193,7 +193,7 @@ def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
         *(f"**{sentence[0].upper()}{sentence[1:]}.**\n" for sentence in chance_notes(view.fits)),
         f"Weights in words are {view.meaning}.",
         "",
-        f"All demonstrations together, {view.over}; thetas left: the exponential of the posterior's entropy.",
+        f"All demonstrations together, {view.over}. Thetas still plausible: the exponential of the entropy.",
         "",
         f"Bandwidth of the working set: {view.bandwidth:.4f} in scaled features ({project.params.density.bandwidth}).",
         "",
