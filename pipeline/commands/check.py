@@ -245,5 +245,6 @@ def _contents(found: RecordingReport) -> list[str]:
     if len(found.topics) > LISTED:
         lines.append(f"  and {len(found.topics) - LISTED:,} more topics")
     for name, record in list(found.metadata.items())[:LISTED]:
-        lines.append(f"  {name}: " + ", ".join(f"{key} = {value}" for key, value in record.items() if key != BAG_INDEX))
+        told = [f"{key} = {value}" for key, value in record.items() if key != BAG_INDEX]
+        lines += [f"  {name}: {', '.join(told)}"] if told else []
     return lines
