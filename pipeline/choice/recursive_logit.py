@@ -21,6 +21,8 @@ from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.validation import matrix, vector
 from pipeline.errors import ArgumentError
 
+_COLUMNS = 16  # solved for at once; SuperLU takes fifty times as long for some hundreds, as they leave the cache
+
 
 @dataclass(frozen=True)
 class Paths:
@@ -100,7 +102,7 @@ class RecursiveLogit:
         gradients = self._paths.features.copy()
         for index, feature in enumerate(self._features.T):
             slopes, end_slopes = self._matrices(np.exp(self._features @ checked) * feature)
-            derivative = solver.solve(np.asarray(slopes @ values + end_slopes.toarray()))
+            derivative = _solved(solver, np.asarray(slopes @ values + end_slopes.toarray()))
             gradients[:, index] -= derivative[self._at] / values[self._at]
         return self._log_likelihoods(values, checked), gradients
 
@@ -118,7 +120,7 @@ class RecursiveLogit:
         solver, values = self._solve(checked)
         pull = np.zeros_like(values)
         np.add.at(pull, self._at, often / values[self._at])
-        pull = solver.solve(pull, trans="T")
+        pull = _solved(solver, pull, "T")
         shares = np.exp(self._features @ checked)  # becomes how often each step is expected in the paths
         inner = ~np.isin(self._targets, self._ends)
         sources, targets = self._sources[inner], self._targets[inner]
@@ -187,7 +189,7 @@ class RecursiveLogit:
             solver = linalg.splu(sparse.csc_matrix(sparse.eye_array(self._states) - steps))
         except RuntimeError:
             raise ArgumentError(_infinite(weights)) from None
-        values = np.asarray(solver.solve(ends.toarray()))
+        values = _solved(solver, ends.toarray())
         # A positive solution of z = M z + b exists exactly if the sum over all paths is finite (M is not negative).
         if values.min() < -1e-9 * values.max() or not (values[self._at] > 0).all():
             raise ArgumentError(_infinite(weights))
@@ -196,6 +198,12 @@ class RecursiveLogit:
     def _log_likelihoods(self, values: FloatArray, weights: FloatArray) -> FloatArray:
         log_sums = np.log(values[self._at])
         return np.asarray(self._paths.features @ weights - log_sums)
+
+
+def _solved(solver: Any, right: FloatArray, trans: str = "N") -> FloatArray:
+    """(states, D) solutions for right sides (states, D), the same bit for bit as if solved for all at once."""
+    parts = [right[:, start : start + _COLUMNS] for start in range(0, right.shape[1], _COLUMNS)]
+    return np.concatenate([solver.solve(np.ascontiguousarray(part), trans=trans) for part in parts], axis=1)
 
 
 def _infinite(weights: FloatArray) -> str:

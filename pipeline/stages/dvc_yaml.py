@@ -49,7 +49,7 @@ NEUTRAL = {
     "pipeline/workspace/project.py",
     "pipeline/workspace/trust.py",
 }
-MOST = 0.33  # share of the files in a folder, from which on a stage waits for the whole folder
+MOST = 0.3  # share of the files in a folder, from which on a stage waits for the whole folder
 MANY = 4  # tables of a stage, from which on it waits for the folder of all schemas
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
@@ -91,7 +91,7 @@ def code_of(module: str) -> list[str]:
     """The files of code that can change what a module does, a folder standing for all that is in it.
 
     They are the module and what it imports, anywhere in it, and so on; without `NEUTRAL`, and without the files
-    `__init__.py`, which compute nothing. A folder of which they are a third or more stands for it.
+    `__init__.py`, which compute nothing. A folder of which they are three tenths or more stands for it.
     """
     found: set[str] = set()
     waiting = {f"{module.replace('.', '/')}.py"}

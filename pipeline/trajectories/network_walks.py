@@ -83,26 +83,35 @@ class Network:
         with np.errstate(divide="ignore"):
             return np.asarray(np.where(usable, utility - np.log(sums)[self.sources], -np.inf))
 
-    def walk(self, log_p: FloatArray, origin: int, destination: int, count: int, rng: np.random.Generator) -> Walks:
-        """`count` independent paths.
+    def walk(
+        self,
+        log_p: FloatArray,
+        origins: IndexArray,
+        destination: int,
+        rng: np.random.Generator,
+        table: FloatArray | None = None,
+    ) -> Walks:
+        """Independent paths, one from each of `origins`.
 
         Args:
             log_p: (A,) from `log_step_probabilities` of the same destination.
-            origin, destination: states.
-            count: how many.
+            origins: (W,) states, as often as a path from each is wanted.
+            destination: a state.
             rng: source of chance.
+            table: `cumulative(log_p)`, if it is at hand.
 
         Raises:
             ArgumentError: there is no way, or a walk does not come to an end.
         """
-        table = self._cumulative(log_p)
-        state = np.full(count, origin, dtype=np.intp)
+        table, count = self.cumulative(log_p) if table is None else table, len(origins)
+        state = np.array(origins, dtype=np.intp)
         walking = np.arange(count)
         log_density = np.zeros(count)
         steps: list[IndexArray] = []
         while len(walking):
             if len(steps) == MOST_STEPS or not table[state, -1].all():
-                raise ArgumentError(f"a walk from state {origin} does not reach state {destination}; raise the bias.")
+                lost = origins[walking[np.argmin(table[state, -1])]]
+                raise ArgumentError(f"a walk from state {lost} does not reach state {destination}; raise the bias.")
             way = (rng.random(len(walking))[:, None] >= table[state]).sum(axis=1)
             step = self.first[state] + np.minimum(way, self.ways_out[state] - 1)
             column = np.full(count, END, dtype=np.intp)
@@ -114,7 +123,7 @@ class Network:
             walking, state = walking[going], state[going]
         return Walks(np.stack(steps, axis=1), log_density)
 
-    def _cumulative(self, log_p: FloatArray) -> FloatArray:
+    def cumulative(self, log_p: FloatArray) -> FloatArray:
         """(states, most ways out) cumulative probabilities of the steps out of each state, the last ones 1."""
         way = np.arange(len(log_p)) - self.first[self.sources]
         table = np.zeros((self.states, int(self.ways_out.max())))

@@ -8,12 +8,13 @@ import numpy as np
 import polars as pl
 import pytest
 from scipy import sparse
+from scipy.special import stdtrit
 
 from pipeline.errors import StageError
 from pipeline.formats.trips.importer import read_trips
 from pipeline.stages import trips
 from pipeline.studies.trips.choices import draw_all
-from pipeline.studies.trips.drawn_paths import SAMPLERS, PathSet, draw, step_log_probabilities
+from pipeline.studies.trips.drawn_paths import SAMPLERS, PathSet, Way, draw
 from pipeline.studies.trips.path_models import (
     BOLTZMANN_CORRECTED,
     BY_SET,
@@ -63,21 +64,24 @@ def test_path_sizes_are_those_worked_out_by_hand() -> None:
 
 
 def test_a_set_has_distinct_paths_with_the_one_taken_first(roads: Roads) -> None:
-    log_p = step_log_probabilities(roads, SAMPLERS["wide"], int(roads.destinations[0]))
-    paths = draw(roads, 0, log_p, 200, 1, ("here",))
+    way = Way.of(roads, SAMPLERS["wide"], int(roads.destinations[0]))
+    paths = draw(roads, 0, way, 200, 1, ("here",)).first(200)
     assert paths.drawn.sum() == 201
     np.testing.assert_allclose(paths.features[0], roads.features[roads.paths[0]].sum(axis=0))
     assert len(np.unique(paths.log_q.round(12))) > 2
     shares = paths.drawn[1:] / 200
     np.testing.assert_allclose(shares, np.exp(paths.log_q[1:]), atol=0.12)
-    again = draw(roads, 0, log_p, 200, 1, ("here",))
-    np.testing.assert_array_equal(paths.features, again.features)
+    again = draw(roads, 0, way, 200, 1, ("here",))
+    np.testing.assert_array_equal(paths.features, again.first(200).features)
+    few = again.first(20)
+    assert few.drawn.sum() == 21
+    np.testing.assert_array_equal(few.features, paths.features[: len(few.features)])
 
 
 def test_corrected_boltzmann_comes_to_the_exact_estimate_where_all_paths_are_drawn(roads: Roads) -> None:
     exact = roads.recursive_logit().estimate([-2.0, -1.0, -1.0, -4.0])
-    drawn = draw_all(roads, 1500, 0, 1)["wide"]
-    weights = drawn.sets(BOLTZMANN_CORRECTED).estimate(drawn.log_w[BOLTZMANN_CORRECTED])
+    drawn = draw_all(roads, [1500], 0, 1).drawn[1500]["wide"]
+    weights = drawn.sets(BOLTZMANN_CORRECTED).estimate(drawn.log_weights(BOLTZMANN_CORRECTED))
     value = roads.recursive_logit().log_likelihoods(weights).sum()
     assert exact.log_likelihood - value < 0.05
 
@@ -105,7 +109,8 @@ def test_intervals_take_both_errors() -> None:
     assert row["log_predictive"] == -2.5
     assert row["log_predictive_error_trips"] == pytest.approx(1.0)  # trips have -1.5 and -3.5
     assert row["log_predictive_error_samplings"] == pytest.approx(0.5)  # samplings have -2 and -3
-    assert row["log_predictive_upper"] == pytest.approx(-2.5 + 1.96 * np.sqrt(1.25))
+    # mean squares of 1 over samplings and 4 over trips, 5 together on 25 / 17 degrees of freedom, for 4 values
+    assert row["log_predictive_upper"] == pytest.approx(-2.5 + stdtrit(25 / 17, 0.975) * np.sqrt(1.25))
     assert row["difference"] == 0
 
 

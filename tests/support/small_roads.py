@@ -25,7 +25,7 @@ def write_small_roads(folder: Path, trips: int = 40) -> Path:
     for trip in range(1, trips + 1):
         end = 5 + trip % 2
         log_p = network.log_step_probabilities(np.array(TIMES_MIN), end, 1.0)
-        steps = network.walk(log_p, 1, end, 1, rng).steps[0]
+        steps = network.walk(log_p, np.array([1]), end, rng).steps[0]
         path = [1, *(MOVES[step][1] for step in steps[steps != END])]
         rows += [(trip, place, link) for place, link in enumerate([end, *path], start=1)]
     _write(folder / TRIPS, rows)

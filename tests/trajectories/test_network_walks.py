@@ -23,7 +23,7 @@ def test_densities_of_all_paths_add_up_to_one() -> None:
 
 def test_drawn_paths_lead_to_the_destination_as_often_as_their_density_says() -> None:
     log_p = NETWORK.log_step_probabilities(COST, 4, 0.7)
-    walks = NETWORK.walk(log_p, 0, 4, 20_000, np.random.default_rng(1))
+    walks = NETWORK.walk(log_p, np.zeros(20_000, dtype=np.intp), 4, np.random.default_rng(1))
     rows, counts = np.unique(walks.steps, axis=0, return_counts=True)
     for row, count in zip(rows, counts, strict=True):
         path = row[row != END]
@@ -36,6 +36,13 @@ def test_drawn_paths_lead_to_the_destination_as_often_as_their_density_says() ->
     assert density == pytest.approx(log_p[steps[steps != END]].sum())
 
 
+def test_paths_from_several_origins_begin_where_they_should() -> None:
+    log_p = NETWORK.log_step_probabilities(COST, 4, 0.7)
+    origins = np.array([2, 0, 1, 3, 0])
+    walks = NETWORK.walk(log_p, origins, 4, np.random.default_rng(2))
+    np.testing.assert_array_equal(SOURCES[walks.steps[:, 0]], origins)
+
+
 def test_least_costs_are_those_of_enumerated_paths() -> None:
     least = NETWORK.least_costs(COST, 5)
     for state in range(4):
@@ -45,7 +52,7 @@ def test_least_costs_are_those_of_enumerated_paths() -> None:
 
 def test_no_way_is_an_error_and_so_are_steps_out_of_order() -> None:
     log_p = NETWORK.log_step_probabilities(COST, 4, 1.0)
-    with pytest.raises(ArgumentError, match="does not reach"):
-        NETWORK.walk(log_p, 5, 4, 1, np.random.default_rng(0))
+    with pytest.raises(ArgumentError, match="from state 5 does not reach"):
+        NETWORK.walk(log_p, np.array([0, 5]), 4, np.random.default_rng(0))
     with pytest.raises(ArgumentError, match="sort"):
         Network(SOURCES[::-1], TARGETS)

@@ -35,6 +35,8 @@ def log_sums_within(rows: FloatArray, counts: FloatArray, sigma: float) -> Float
     pairs = [(tile, tiles[:index]) for index, tile in enumerate(tiles)]
     # the number of shares depends on the rows and never on the cores, so that the bits are the same everywhere
     shares = [pairs] if len(pairs) < _MANY else [pairs[::2], pairs[1::2]]
+    if len(shares) == 1:
+        return _log_sums(_pair_sums(rows, counts, sigma, pairs), counts)
     with ThreadPoolExecutor(len(shares)) as pool:
         parts = list(pool.map(lambda share: _pair_sums(rows, counts, sigma, share), shares))
     return _log_sums(np.sum(parts, axis=0), counts)

@@ -153,7 +153,8 @@ def _say_which_tasks(catalog: Path, question: str) -> None:
         tasks = ask(catalog, "select distinct task from files where task is not null order by all")["task"].to_list()
         for task in asked_for:
             if task not in tasks:
-                note(f"the catalog has no task {task!r}; it has {', '.join(tasks) or 'none yet'}")
+                there = ", ".join(tasks) or "none yet"
+                note(f"the catalog has no task {task!r}; it has {there}; `lessbench catalog` makes it anew")
 
 
 def _examples() -> list[str]:

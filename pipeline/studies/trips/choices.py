@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TypeAlias
 
 import numpy as np
 
-from pipeline.arrays import FloatArray, IntArray
+from pipeline.arrays import FloatArray, IndexArray, IntArray
 from pipeline.choice import select_bandwidth
 from pipeline.choice.conditional_logit import ChoiceSets
+from pipeline.choice.nested_choice_sets import NestedChoiceSets
+from pipeline.choice.nested_logit import nests_of
 from pipeline.errors import BandwidthError
-from pipeline.studies.trips.drawn_paths import SAMPLERS, PathSet, draw, step_log_probabilities
+from pipeline.studies.trips.drawn_paths import SAMPLERS, PathSet, Way, draw
 from pipeline.studies.trips.path_models import (
-    BY_SET,
+    BOLTZMANN_CORRECTED,
+    CORRECTED,
+    LESS,
+    LESS_LINKS,
+    LESS_POOLED,
     OWN_FEATURE,
+    PLAIN,
     Kernels,
     log_weights,
     own_feature,
@@ -23,9 +32,42 @@ from pipeline.studies.trips.path_models import (
 )
 from pipeline.studies.trips.roads import Roads
 
-_Part: TypeAlias = tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]
+Sets: TypeAlias = dict[int, dict[str, PathSet]]
+"""What each sampler drew for one trip, by how many draws there are and by sampler."""
 PILOT = 60  # about how many trips the scale and the bandwidth are taken from
 LARGEST_PILOT = 500  # paths of one trip
+NEST_BANDWIDTHS = 2.0  # two paths of a nest are at most so many bandwidths of LESS apart
+WORKERS = 2
+_WEIGHED = (BOLTZMANN_CORRECTED, LESS, LESS_POOLED, LESS_LINKS)
+
+
+@dataclass(frozen=True)
+class Part:
+    """The set of one trip, as in `Drawn`; the first path was taken."""
+
+    features: FloatArray
+    own: Mapping[str, FloatArray]
+    log_w: Mapping[str, FloatArray]
+    nests: IndexArray
+
+    @classmethod
+    def of(cls, paths: PathSet, pool: FloatArray, kernels: Kernels) -> Part:
+        """The set with what the models need of it."""
+        return cls(
+            paths.features,
+            {model: own_feature(model, paths) for model in OWN_FEATURE},
+            {model: log_weights(model, paths, pool, kernels) for model in _WEIGHED},
+            nests_of(paths.features / kernels.scale, NEST_BANDWIDTHS * kernels.features).index,
+        )
+
+    def with_first(self, row: int) -> Part:
+        """The same set if another path had been taken."""
+        return Part(
+            np.roll(self.features, -row, axis=0),
+            {model: np.roll(values, -row) for model, values in self.own.items()},
+            {model: np.roll(values, -row) for model, values in self.log_w.items()},
+            np.roll(self.nests, -row),
+        )
 
 
 @dataclass(frozen=True)
@@ -36,13 +78,15 @@ class Drawn:
         features: (N, 4) of all paths, set after set.
         sizes: (n,) of the sets; the first path of each was taken.
         own: (N,) by model, for models with a feature of their own.
-        log_w: (N,) by model.
+        log_w: (N,) by model; the corrected ones share theirs.
+        nests: (N,) number of each path's nest in its set.
     """
 
     features: FloatArray
     sizes: IntArray
     own: Mapping[str, FloatArray]
     log_w: Mapping[str, FloatArray]
+    nests: IndexArray
 
     def sets(self, model: str) -> ChoiceSets:
         """The sets as the model sees them."""
@@ -52,35 +96,108 @@ class Drawn:
             features = np.column_stack([features, self.own[model]])
         return ChoiceSets(features, starts, starts)
 
+    def nested(self, model: str) -> NestedChoiceSets:
+        """The sets with nests of similar paths."""
+        return NestedChoiceSets(self.sets(model), self.nests)
 
-def draw_all(roads: Roads, size: int, sampling: int, seed: int) -> dict[str, Drawn]:
-    """The sets of all trips under every sampler, for one sampling.
+    def log_weights(self, model: str) -> FloatArray:
+        """(N,) what the model adds to the utilities."""
+        if model in PLAIN:
+            return np.zeros(len(self.features))
+        return self.log_w[BOLTZMANN_CORRECTED if model in CORRECTED else model]
 
-    Trips are drawn one after another. What stays is six numbers a path beside its features, not its links.
+
+@dataclass(frozen=True)
+class Sampling:
+    """One sampling.
+
+    Attributes:
+        kernels: by size of the sets.
+        drawn: by size and sampler.
+    """
+
+    kernels: Mapping[int, Kernels]
+    drawn: Mapping[int, Mapping[str, Drawn]]
+
+
+def draw_all(roads: Roads, sizes: Sequence[int], sampling: int, seed: int) -> Sampling:
+    """The sets of all trips, by size and sampler, for one sampling.
+
+    The largest sets are drawn, and smaller ones are their first draws. Trips are drawn destination by destination. What
+    stays is seven numbers a path beside its features, not its links.
 
     Args:
         roads: the network and the trips.
-        size: draws for each trip.
+        sizes: draws for each trip.
         sampling: number of the sampling; another one has other draws.
         seed: of the project.
     """
-    kernels = pilot(roads, size, sampling, seed)
-    rows: dict[str, dict[int, _Part]] = {name: {} for name in SAMPLERS}
-    for index, sets in drawn_sets(roads, size, sampling, seed, _by_destination(roads)):
-        pool = pooled(sets)
-        for name, paths in sets.items():
-            own = {model: own_feature(model, paths) for model in OWN_FEATURE}
-            rows[name][index] = (paths.features, own, {m: log_weights(m, paths, pool, kernels) for m in BY_SET})
-    return {name: _joined([part for _, part in sorted(parts.items())]) for name, parts in rows.items()}
+    kernels = pilot(roads, sizes, sampling, seed)
+    rows: dict[tuple[int, str], dict[int, Part]] = {(size, name): {} for size in sizes for name in SAMPLERS}
+
+    def of_destination(trips: list[int]) -> list[tuple[int, int, str, Part]]:
+        return [
+            (size, index, name, Part.of(paths, pooled(of_size), kernels[size]))
+            for index, sets in drawn_sets(roads, sizes, sampling, seed, trips)
+            for size, of_size in sets.items()
+            for name, paths in of_size.items()
+        ]
+
+    with ThreadPoolExecutor(WORKERS) as pool:
+        for found in pool.map(of_destination, by_destination(roads, range(len(roads.trips)))):
+            for size, index, name, part in found:
+                rows[size, name][index] = part
+    drawn = {
+        size: {name: joined([part for _, part in sorted(rows.pop((size, name)).items())]) for name in SAMPLERS}
+        for size in sizes
+    }
+    return Sampling(kernels, drawn)
 
 
-def pilot(roads: Roads, size: int, sampling: int, seed: int) -> Kernels:
-    """Scale and bandwidth, the same for all samplers: from what all of them draw for some of the trips.
+def pilot(roads: Roads, sizes: Sequence[int], sampling: int, seed: int) -> dict[int, Kernels]:
+    """Scale and bandwidth by size, the same for all samplers: from what all of them draw for some of the trips.
 
     The scale is the spread within trips, the bandwidth the median of those that leave-one-out selects for each trip.
     """
-    some = _by_destination(roads)[:: max(len(roads.trips) // PILOT, 1)]
-    pools = [_some(pooled(sets)) for _, sets in drawn_sets(roads, size, sampling, seed, some)]
+    order = [index for trips in by_destination(roads, range(len(roads.trips))) for index in trips]
+    some = by_destination(roads, order[:: max(len(order) // PILOT, 1)])
+    pools: dict[int, list[FloatArray]] = {size: [] for size in sizes}
+    with ThreadPoolExecutor(WORKERS) as pool:
+
+        def of_destination(trips: list[int]) -> list[Sets]:
+            return [sets for _, sets in drawn_sets(roads, sizes, sampling, seed, trips)]
+
+        for found in pool.map(of_destination, some):
+            for sets in found:
+                for size, of_size in sets.items():
+                    pools[size].append(_some(pooled(of_size)))
+        return dict(zip(sizes, pool.map(_kernels, (pools[size] for size in sizes)), strict=True))
+
+
+def drawn_sets(
+    roads: Roads, sizes: Sequence[int], sampling: int, seed: int, trips: Sequence[int]
+) -> Iterator[tuple[int, Sets]]:
+    """What each sampler draws for trips to one destination, given by their places in `roads`."""
+    end = int(roads.destinations[trips[0]])
+    ways = {name: Way.of(roads, sampler, end) for name, sampler in SAMPLERS.items()}
+    for index in trips:
+        draws = {name: draw(roads, index, way, max(sizes), seed, (name, sampling)) for name, way in ways.items()}
+        yield index, {size: {name: drawn.first(size) for name, drawn in draws.items()} for size in sizes}
+
+
+def pooled(sets: Mapping[str, PathSet]) -> FloatArray:
+    """(P, 4) features of all sets together; the path that was taken, which is in each of them, stands once."""
+    taken = next(iter(sets.values())).features[:1]
+    return np.concatenate([taken, *(paths.features[1:] for paths in sets.values())])
+
+
+def by_destination(roads: Roads, trips: Sequence[int]) -> list[list[int]]:
+    """The trips, given by their places in `roads`, in one list for each destination."""
+    order = sorted(trips, key=lambda index: (int(roads.destinations[index]), index))
+    return [list(group) for _, group in groupby(order, key=lambda index: int(roads.destinations[index]))]
+
+
+def _kernels(pools: list[FloatArray]) -> Kernels:
     scale = within_spread(np.concatenate(pools), np.array([len(pool) for pool in pools]))
     bandwidths = []
     for pool in pools:
@@ -91,41 +208,17 @@ def pilot(roads: Roads, size: int, sampling: int, seed: int) -> Kernels:
     return Kernels(scale, float(np.median(bandwidths)) if bandwidths else 1.0)
 
 
-def drawn_sets(
-    roads: Roads, size: int, sampling: int, seed: int, trips: Sequence[int]
-) -> Iterator[tuple[int, dict[str, PathSet]]]:
-    """What each sampler draws for some trips, given by their places in `roads`.
-
-    Trips that follow one another to the same destination share the probabilities of its steps.
-    """
-    known: dict[int, dict[str, FloatArray]] = {}
-    for index in trips:
-        end = int(roads.destinations[index])
-        if end not in known:
-            known = {end: {name: step_log_probabilities(roads, one, end) for name, one in SAMPLERS.items()}}
-        labels = {name: (name, size, sampling) for name in SAMPLERS}
-        yield index, {n: draw(roads, index, known[end][n], size, seed, labels[n]) for n in SAMPLERS}
-
-
-def pooled(sets: Mapping[str, PathSet]) -> FloatArray:
-    """(P, 4) features of all sets together; the path that was taken, which is in each of them, stands once."""
-    taken = next(iter(sets.values())).features[:1]
-    return np.concatenate([taken, *(paths.features[1:] for paths in sets.values())])
-
-
-def _by_destination(roads: Roads) -> list[int]:
-    return [int(index) for index in np.argsort(roads.destinations, kind="stable")]
-
-
 def _some(pool: FloatArray) -> FloatArray:
     """The pool, or evenly chosen rows of a large one."""
     return pool[:: -(-len(pool) // LARGEST_PILOT)]
 
 
-def _joined(parts: list[_Part]) -> Drawn:
+def joined(parts: Sequence[Part]) -> Drawn:
+    """The sets of trips one after the other."""
     return Drawn(
-        np.concatenate([features for features, _, _ in parts]),
-        np.array([len(features) for features, _, _ in parts]),
-        {model: np.concatenate([own[model] for _, own, _ in parts]) for model in OWN_FEATURE},
-        {model: np.concatenate([log_w[model] for _, _, log_w in parts]) for model in BY_SET},
+        np.concatenate([part.features for part in parts]),
+        np.array([len(part.features) for part in parts]),
+        {model: np.concatenate([part.own[model] for part in parts]) for model in OWN_FEATURE},
+        {model: np.concatenate([part.log_w[model] for part in parts]) for model in _WEIGHED},
+        np.concatenate([part.nests for part in parts]),
     )

@@ -55,34 +55,72 @@ class PathSet:
     chosen: int
 
 
-def step_log_probabilities(roads: Roads, sampler: Sampler, destination: int) -> FloatArray:
-    """(A,) log probability of each step of a walk to the destination."""
-    cost = roads.features @ np.array(sampler.costs)
-    return roads.network.log_step_probabilities(cost, destination, sampler.bias)
+@dataclass(frozen=True)
+class Way:
+    """The steps of a sampler to one destination.
+
+    Attributes:
+        log_p: (A,) log probability of each step.
+        table: of the same, as `Network.walk` takes it.
+    """
+
+    log_p: FloatArray
+    table: FloatArray
+
+    @classmethod
+    def of(cls, roads: Roads, sampler: Sampler, destination: int) -> Way:
+        """To `destination`, a link."""
+        cost = roads.features @ np.array(sampler.costs)
+        log_p = roads.network.log_step_probabilities(cost, destination, sampler.bias)
+        return cls(log_p, roads.network.cumulative(log_p))
 
 
-def draw(roads: Roads, index: int, log_p: FloatArray, count: int, seed: int, labels: tuple[str | int, ...]) -> PathSet:
-    """The set of `count` paths drawn for a trip, and of the path taken.
+@dataclass(frozen=True)
+class Draws:
+    """What a sampler drew for one trip, with the path taken in the first row; sets of any size are made of it.
+
+    Attributes:
+        steps: (W + 1, T) as in `PathSet`.
+        features: (W + 1, 4) totals over each path.
+        log_q: (W + 1,) log probability of each under the sampler.
+        labels: (W + 1,) numbers that are the same for the same paths.
+        targets: (A,) link that each step enters.
+    """
+
+    steps: IndexArray
+    features: FloatArray
+    log_q: FloatArray
+    labels: IndexArray
+    targets: IndexArray
+
+    def first(self, count: int) -> PathSet:
+        """The set of the first `count` paths drawn, and of the path taken."""
+        _, rows, drawn = np.unique(self.labels[: count + 1], return_index=True, return_counts=True)
+        order = np.argsort(rows)  # the path taken first
+        rows, drawn = rows[order], drawn[order].astype(np.int64)
+        steps = self.steps[rows]
+        return PathSet(steps, self.features[rows], _links(steps, self.targets), self.log_q[rows], drawn, 0)
+
+
+def draw(roads: Roads, index: int, way: Way, count: int, seed: int, labels: tuple[str | int, ...]) -> Draws:
+    """`count` paths for a trip.
 
     Args:
         roads: the network and the trips.
         index: of the trip in `roads`.
-        log_p: (A,) from `step_log_probabilities`.
+        way: of the sampler, to the trip's destination.
         count: how many are drawn.
         seed, labels: of the stream of random numbers.
     """
     path = roads.paths[index]
     rng = child_rng(seed, "trips", *labels, roads.trips[index])
-    walks = roads.network.walk(log_p, int(roads.origins[index]), int(roads.destinations[index]), count, rng)
+    origins = np.full(count, roads.origins[index])
+    walks = roads.network.walk(way.log_p, origins, int(roads.destinations[index]), rng, way.table)
     steps = np.full((count + 1, max(walks.steps.shape[1], len(path))), END, dtype=np.intp)
     steps[0, : len(path)] = path
     steps[1:, : walks.steps.shape[1]] = walks.steps
-    log_q = np.append(log_p[path].sum(), walks.log_density)
-    _, rows, drawn = np.unique(_labels(steps), return_index=True, return_counts=True)
-    order = np.argsort(rows)  # the path taken first
-    rows, drawn = rows[order], drawn[order]
-    links = _links(roads, steps[rows])
-    return PathSet(steps[rows], _totals(roads, steps[rows]), links, log_q[rows], drawn.astype(np.int64), 0)
+    log_q = np.append(way.log_p[path].sum(), walks.log_density)
+    return Draws(steps, _totals(roads, steps), log_q, _labels(steps), roads.network.targets)
 
 
 def _labels(steps: IndexArray) -> IndexArray:
@@ -108,8 +146,8 @@ def _totals(roads: Roads, steps: IndexArray) -> FloatArray:
     return totals
 
 
-def _links(roads: Roads, steps: IndexArray) -> sparse.csr_array:
+def _links(steps: IndexArray, targets: IndexArray) -> sparse.csr_array:
     taken = steps != END
     rows = np.repeat(np.arange(len(steps)), taken.sum(axis=1))
-    used, columns = np.unique(roads.network.targets[steps[taken]], return_inverse=True)
+    used, columns = np.unique(targets[steps[taken]], return_inverse=True)
     return sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(len(steps), len(used)))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
-from pipeline.studies.trips.choices import drawn_sets, pilot, pooled
+from pipeline.studies.trips.choices import Part, drawn_sets, joined, pooled
 from pipeline.studies.trips.drawn_paths import PathSet
-from pipeline.studies.trips.path_models import BY_SET, OWN_FEATURE, RECURSIVE_LOGIT, log_weights, own_feature
+from pipeline.studies.trips.estimation import Estimator
+from pipeline.studies.trips.path_models import BY_SET, RECURSIVE_LOGIT, Kernels
 from pipeline.studies.trips.roads import FEATURES, Roads
 from pipeline.trajectories.network_walks import END
 
@@ -17,7 +20,7 @@ SAMPLER = "fast"
 
 
 def example_routes(
-    roads: Roads, seed: int, estimates: pl.DataFrame, exact: FloatArray, size: int
+    roads: Roads, seed: int, estimates: pl.DataFrame, exact: FloatArray, kernels: Kernels, sizes: Sequence[int]
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
     """The rows of trips_routes, each distinct path of some trips under each model, and of trips_route_links.
 
@@ -29,30 +32,35 @@ def example_routes(
         seed: of the project.
         estimates: rows of trips_estimates.
         exact: (4,) weights of the recursive logit.
-        size: of the sets.
+        kernels: of the first sampling for these sets.
+        sizes: that of the sets, and after it the others that were drawn with them.
     """
     minutes = np.array([roads.features[path, 0].sum() for path in roads.paths])
     order = np.argsort(minutes, kind="stable")
     chosen = [int(order[int(share * (len(order) - 1))]) for share in QUANTILES]
-    kernels = pilot(roads, size, 0, seed)
+    size = sizes[0]
     log_all = roads.recursive_logit().log_likelihoods(exact)
     tables, links = [], []
-    for index, sets in drawn_sets(roads, size, 0, seed, chosen):
+    for index in chosen:
+        sets = next(iter(drawn_sets(roads, sizes, 0, seed, [index])))[1][size]
         paths = sets[SAMPLER]
         utilities = paths.features @ exact  # the path taken comes first, and its probability is known
         shares = {RECURSIVE_LOGIT: np.exp(log_all[index] + utilities - utilities[0])}
         for model in BY_SET:
             weights = estimates.filter(model=model, sampler=SAMPLER, set_size=size, sampling=0).row(0, named=True)
-            log_w = log_weights(model, paths, pooled(sets), kernels) + _own(model, paths, weights["own"])
-            log_w = log_w + paths.features @ np.array([weights[name] for name in FEATURES])
-            shares[model] = np.exp(log_w - log_w.max()) / np.exp(log_w - log_w.max()).sum()
+            own = [] if weights["own"] is None else [weights["own"]]
+            parameters = np.array([*(weights[name] for name in FEATURES), *own])
+            shares[model] = _shares(model, paths, pooled(sets), kernels, parameters)
         tables += [_rows(roads.trips[index], paths, model, share) for model, share in shares.items()]
         links.append(_links(roads, index, paths))
     return pl.concat(tables), pl.concat(links)
 
 
-def _own(model: str, paths: PathSet, coefficient: float | None) -> FloatArray:
-    return own_feature(model, paths) * (coefficient or 0.0) if model in OWN_FEATURE else np.zeros(len(paths.features))
+def _shares(model: str, paths: PathSet, pool: FloatArray, kernels: Kernels, parameters: FloatArray) -> FloatArray:
+    """(N,) the probability of each path among those of the set."""
+    part = Part.of(paths, pool, kernels)
+    every = joined([part.with_first(row) for row in range(len(paths.features))])
+    return np.exp(Estimator(every, model).log_p(parameters))
 
 
 def _links(roads: Roads, index: int, paths: PathSet) -> pl.DataFrame:

@@ -21,6 +21,7 @@ from pipeline.studies.trips.drawn_paths import PathSet
 
 BOLTZMANN, PATH_SIZE = vocabulary.BOLTZMANN, vocabulary.PATH_SIZE
 BOLTZMANN_CORRECTED, EXPANDED_PATH_SIZE = "boltzmann-corrected", "expanded-path-size"
+NESTED_LOGIT, NESTED_CORRECTED = vocabulary.NESTED_LOGIT, "nested-logit-corrected"
 LESS, LESS_POOLED, LESS_LINKS = vocabulary.LESS, vocabulary.LESS_POOLED, "less-links"
 RECURSIVE_LOGIT = "recursive-logit"
 MODELS: Mapping[str, str] = MappingProxyType(
@@ -28,8 +29,10 @@ MODELS: Mapping[str, str] = MappingProxyType(
         RECURSIVE_LOGIT: "Boltzmann over all paths (recursive logit)",
         BOLTZMANN_CORRECTED: "Boltzmann, corrected by the sampler's density",
         EXPANDED_PATH_SIZE: "expanded path size, corrected",
+        NESTED_CORRECTED: "nested logit, corrected",
         BOLTZMANN: "Boltzmann",
         PATH_SIZE: "path size",
+        NESTED_LOGIT: "nested logit",
         LESS: "LESS over features",
         LESS_POOLED: "LESS over features, pooled density",
         LESS_LINKS: "LESS over shared links",
@@ -37,7 +40,9 @@ MODELS: Mapping[str, str] = MappingProxyType(
 )
 OWN_FEATURE = (PATH_SIZE, EXPANDED_PATH_SIZE)
 BY_SET = tuple(model for model in MODELS if model != RECURSIVE_LOGIT)
-CORRECTED = (RECURSIVE_LOGIT, BOLTZMANN_CORRECTED, EXPANDED_PATH_SIZE)
+CORRECTED = (RECURSIVE_LOGIT, BOLTZMANN_CORRECTED, EXPANDED_PATH_SIZE, NESTED_CORRECTED)
+NESTED = (NESTED_LOGIT, NESTED_CORRECTED)
+PLAIN = (BOLTZMANN, PATH_SIZE, NESTED_LOGIT)  # models that take the set as it is
 
 
 @dataclass(frozen=True)
@@ -70,8 +75,7 @@ def log_weights(model: str, paths: PathSet, pool: FloatArray, kernels: Kernels) 
     if model in CORRECTED:  # McFadden (1978); with the path taken counted once more, Frejinger et al. (2009)
         return np.asarray(np.log(paths.drawn) - paths.log_q)
     weights: Mapping[str, Callable[[], FloatArray]] = {
-        BOLTZMANN: lambda: np.zeros(len(paths.features)),
-        PATH_SIZE: lambda: np.zeros(len(paths.features)),
+        **dict.fromkeys(PLAIN, lambda: np.zeros(len(paths.features))),
         LESS: lambda: -log_density(paths.features / kernels.scale, kernels.features),
         LESS_POOLED: lambda: -log_density(pool / kernels.scale, kernels.features, at=paths.features / kernels.scale),
         LESS_LINKS: lambda: -_log_link_density(shared_links(paths.links), kernels.links),
@@ -112,8 +116,10 @@ def shared_links(links: sparse.csr_array) -> FloatArray:
 
 def _log_link_density(rows: FloatArray, bandwidth: float) -> FloatArray:
     """(N,) log of the Gaussian kernel sum over rows of length one, by one product of matrices."""
-    squared = np.maximum(2.0 - 2.0 * (rows @ rows.T), 0.0)
-    return np.asarray(np.log(np.exp(-squared / (2 * bandwidth**2)).sum(axis=1)))
+    kernel = (rows / bandwidth) @ (rows.T / bandwidth)
+    kernel -= 1.0 / bandwidth**2  # -(2 - 2 share) / (2 bandwidth^2)
+    np.exp(kernel, out=kernel)
+    return np.asarray(np.log(kernel.sum(axis=1)))
 
 
 def within_spread(features: FloatArray, sizes: IntArray) -> FloatArray:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from types import MappingProxyType
 
 import numpy as np
@@ -13,10 +14,12 @@ import polars as pl
 from pipeline.arrays import BoolArray, FloatArray
 from pipeline.choice.recursive_logit import RecursiveLogit
 from pipeline.errors import ArgumentError
-from pipeline.studies.trips.choices import Drawn, draw_all
+from pipeline.studies.statistics import crossed_lead
+from pipeline.studies.trips.choices import WORKERS, Drawn, draw_all
 from pipeline.studies.trips.drawn_paths import SAMPLERS
+from pipeline.studies.trips.estimation import Estimator
 from pipeline.studies.trips.examples import example_routes
-from pipeline.studies.trips.path_models import BOLTZMANN_CORRECTED, BY_SET, OWN_FEATURE, RECURSIVE_LOGIT
+from pipeline.studies.trips.path_models import BOLTZMANN_CORRECTED, MODELS, RECURSIVE_LOGIT
 from pipeline.studies.trips.roads import FEATURES, Roads
 from pipeline.trajectories.random_streams import child_rng
 
@@ -43,7 +46,7 @@ class TripsStudy:
 
 
 def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS) -> TripsStudy:
-    """All of it, set size by set size and sampling by sampling.
+    """All of it, sampling by sampling, each with sets of all sizes.
 
     Args:
         roads: the network and the trips.
@@ -57,19 +60,27 @@ def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS)
     folds = folds_of(len(roads.trips), seed)
     exact = logit.estimate(START)
     exact_folds = [logit.estimate(exact.weights, (~held).astype(np.float64)).weights for held in folds]
-    estimates, held_out = [], []
-    for size, count in samplings.items():
-        for sampling in range(count):
-            for sampler, drawn in draw_all(roads, size, sampling, seed).items():
-                about = {"sampler": sampler, "set_size": size, "sampling": sampling}
-                for model in BY_SET:
-                    weights, scores = _estimated(drawn, model, folds)
-                    estimates.append(about | _estimate(model, weights, drawn, logit))
-                    held_out.append(_by_trip(roads, about, model, scores))
-                known = _scores(drawn, BOLTZMANN_CORRECTED, exact_folds, folds)
-                held_out.append(_by_trip(roads, about, RECURSIVE_LOGIT, known))
-    by_trip, table = pl.concat(held_out), pl.DataFrame(estimates)
+    estimates: list[dict[str, object]] = []
+    held_out: list[pl.DataFrame] = []
     shown = min(samplings, key=lambda size: abs(size - SHOWN_SIZE))
+    for sampling in range(max(samplings.values())):
+        sizes = [size for size, count in samplings.items() if sampling < count]
+        drew = draw_all(roads, sizes, sampling, seed)
+        if sampling == 0:
+            kernels = drew.kernels[shown]
+
+        def one(key: tuple[int, str, str], drawn: Mapping[int, Mapping[str, Drawn]] = drew.drawn) -> _Fit:
+            size, sampler, model = key
+            return _fit(drawn[size][sampler], model, folds, exact_folds)
+
+        keys = list(product(sizes, SAMPLERS, MODELS))
+        with ThreadPoolExecutor(WORKERS) as pool:
+            for (size, sampler, model), fit in zip(keys, pool.map(one, keys), strict=True):
+                about = {"sampler": sampler, "set_size": size, "sampling": sampling}
+                held_out.append(_by_trip(roads, about, model, fit.held_out))
+                if fit.parameters is not None:
+                    estimates.append(about | _estimate(model, fit, logit))
+    by_trip, table = pl.concat(held_out), pl.DataFrame(estimates)
     published = logit.log_likelihoods(PUBLISHED)
     return TripsStudy(
         pl.DataFrame(
@@ -86,7 +97,7 @@ def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS)
         by_trip,
         summed_up(by_trip),
         angles_between_samplers(table),
-        *example_routes(roads, seed, table, exact.weights, shown),
+        *example_routes(roads, seed, table, exact.weights, kernels, [shown, *samplings]),
     )
 
 
@@ -100,37 +111,45 @@ def summed_up(held_out: pl.DataFrame) -> pl.DataFrame:
     """The mean score of each model, sampler and set size, and its difference from corrected Boltzmann, with errors.
 
     The error over trips is that of the mean over trips of their means over samplings, that over samplings is that of
-    the mean of samplings. The first contains what differs between draws from trip to trip. The second adds what all
-    trips of a sampling share; it is missing where there is one sampling. The interval of 95 % takes both.
+    the mean of samplings. The interval of 95 % is over both, as crossed random effects (`crossed_lead`). Where there
+    is one sampling, it is over trips alone.
     """
     keys = ["sampler", "set_size", "sampling", "trip"]
     reference = held_out.filter(model=BOLTZMANN_CORRECTED).select(*keys, reference="log_predictive")
     rows = held_out.join(reference, on=keys, how="inner", maintain_order="left").with_columns(
         difference=pl.col("log_predictive") - pl.col("reference")
     )
-    keys = ["model", "sampler", "set_size"]
-    table = None
-    for column in ("log_predictive", "difference"):
-        trips = rows.group_by(*keys, "trip", maintain_order=True).agg(pl.col(column).mean())
-        by_sampling = rows.group_by(*keys, "sampling", maintain_order=True).agg(pl.col(column).mean())
-        over_trips = trips.group_by(keys, maintain_order=True).agg(
-            pl.col(column).mean().alias(column), (pl.col(column).std() / pl.len().sqrt()).alias(f"{column}_error_trips")
-        )
-        over_samplings = by_sampling.group_by(keys, maintain_order=True).agg(
-            (pl.col(column).std() / pl.len().sqrt()).alias(f"{column}_error_samplings"),
-            pl.len().alias("samplings"),
-        )
-        both = over_trips.join(over_samplings, on=keys).with_columns(
-            half=1.96
-            * (pl.col(f"{column}_error_trips") ** 2 + pl.col(f"{column}_error_samplings").fill_null(0.0) ** 2).sqrt()
-        )
-        both = both.with_columns(
-            (pl.col(column) - pl.col("half")).alias(f"{column}_lower"),
-            (pl.col(column) + pl.col("half")).alias(f"{column}_upper"),
-        ).drop("half")
-        table = both if table is None else table.join(both.drop("samplings"), on=keys)
-    assert table is not None
-    return table.sort(keys)
+    table = []
+    for (model, sampler, size), part in rows.sort("sampling", "trip").group_by(
+        "model", "sampler", "set_size", maintain_order=True
+    ):
+        count = part["sampling"].n_unique()
+        row: dict[str, object] = {"model": model, "sampler": sampler, "set_size": size}
+        for column in ("log_predictive", "difference"):
+            row |= _interval(column, part[column].to_numpy().reshape(count, -1))
+        table.append(row | {"samplings": count})
+    order = pl.DataFrame(table).sort("model", "sampler", "set_size")
+    names = ["model", "sampler", "set_size", *(c for c in order.columns if c.startswith("log_predictive")), "samplings"]
+    return order.select(*names, *(c for c in order.columns if c.startswith("difference")))
+
+
+def _interval(name: str, values: FloatArray) -> dict[str, float | None]:
+    """The mean of (samplings, trips) values under `name`, with its errors and its interval."""
+    from scipy.special import stdtrit
+
+    samplings, trips = values.shape
+    mean, over_trips = float(values.mean()), float(values.mean(axis=0).std(ddof=1)) / trips**0.5
+    over_samplings = None
+    half = float(stdtrit(trips - 1, 0.975)) * over_trips
+    low, high = mean - half, mean + half
+    if samplings > 1:
+        over_samplings = float(values.mean(axis=1).std(ddof=1)) / samplings**0.5
+        lead = crossed_lead(values)
+        low, high = lead.low, lead.high
+    return {
+        name: mean, f"{name}_error_trips": over_trips, f"{name}_error_samplings": over_samplings,
+        f"{name}_lower": low, f"{name}_upper": high,
+    }  # fmt: skip
 
 
 def angles_between_samplers(estimates: pl.DataFrame) -> pl.DataFrame:
@@ -157,34 +176,43 @@ def angle_between(a: FloatArray, b: FloatArray) -> float:
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def _estimated(drawn: Drawn, model: str, folds: list[BoolArray]) -> tuple[FloatArray, FloatArray]:
-    """The weights from all trips, and (n,) the score of each trip under the weights from the other folds."""
-    sets, log_w = drawn.sets(model), drawn.log_w[model]
-    weights = sets.estimate(log_w)
-    parts = [sets.estimate(log_w, (~held).astype(np.float64), weights) for held in folds]
-    return weights, _scores(drawn, model, parts, folds)
+@dataclass(frozen=True)
+class _Fit:
+    """What one model made of one set of draws; the recursive logit has no parameters of its own there."""
+
+    parameters: FloatArray | None
+    log_likelihood: float
+    held_out: FloatArray
 
 
-def _scores(drawn: Drawn, model: str, weights: list[FloatArray], folds: list[BoolArray]) -> FloatArray:
-    sets, log_w = drawn.sets(model), drawn.log_w[model]
-    scores = np.empty(len(sets.starts))
-    for part, held in zip(weights, folds, strict=True):
-        scores[held] = sets.log_probabilities(part, log_w)[sets.chosen][held]
-    return scores
+def _fit(drawn: Drawn, model: str, folds: list[BoolArray], exact_folds: list[FloatArray]) -> _Fit:
+    """The parameters from all trips, and the score of each trip under the parameters from the other folds."""
+    estimator = Estimator(drawn, model)
+    if model == RECURSIVE_LOGIT:
+        return _Fit(None, float("nan"), estimator.held_out(exact_folds, folds))
+    parameters = estimator.fit()
+    parts = [estimator.fit((~held).astype(np.float64), parameters) for held in folds]
+    return _Fit(parameters, float(estimator.log_p(parameters).sum()), estimator.held_out(parts, folds))
 
 
-def _estimate(model: str, weights: FloatArray, drawn: Drawn, logit: RecursiveLogit) -> dict[str, object]:
-    own = float(weights[-1]) if model in OWN_FEATURE else None
-    sets = drawn.sets(model)
-    inside = float(sets.log_probabilities(weights, drawn.log_w[model])[sets.chosen].sum())
+def _estimate(model: str, fit: _Fit, logit: RecursiveLogit) -> dict[str, object]:
+    parameters = fit.parameters
+    assert parameters is not None
+    own = float(parameters[-1]) if len(parameters) > len(FEATURES) else None
     exact = None
     if own is None:
         try:
-            exact = float(logit.log_likelihoods(weights).sum())
+            exact = float(logit.log_likelihoods(parameters).sum())
         except ArgumentError:  # the sum over all paths is infinite at these weights
             exact = None
-    named = dict(zip(FEATURES, weights.tolist(), strict=False))
-    return {"model": model, **named, "own": own, "log_likelihood": inside, "log_likelihood_all_paths": exact}
+    named = dict(zip(FEATURES, parameters.tolist(), strict=False))
+    return {
+        "model": model,
+        **named,
+        "own": own,
+        "log_likelihood": fit.log_likelihood,
+        "log_likelihood_all_paths": exact,
+    }
 
 
 def _by_trip(roads: Roads, about: Mapping[str, object], model: str, scores: FloatArray) -> pl.DataFrame:

@@ -25,6 +25,8 @@ from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import write_table
 from tests.support.terminal import on_a_terminal
 
+ANEW = "`lessbench catalog` makes it anew"
+
 ROOT = Path(__file__).resolve().parents[3]
 TABLE, CSV, JSON, PARQUET = (Wanted(form) for form in Format)
 
@@ -119,8 +121,11 @@ def test_a_file_whose_question_fails_on_the_way_is_not_there(catalog: Path, tmp_
 @pytest.mark.parametrize(
     ("question", "said"),
     [
-        ("from posteriors where task = 'b'", "the catalog has no task 'b'; it has a\n"),
-        ("from posteriors where TASK='\x1b[2J'", "the catalog has no task '\\x1b[2J'; it has a\n"),
+        ("from posteriors where task = 'b'", f"the catalog has no task 'b'; it has a; {ANEW}\n"),
+        (
+            "from posteriors where TASK='\x1b[2J'",
+            f"the catalog has no task '\\x1b[2J'; it has a; {ANEW}\n",
+        ),
         ("from posteriors where task = 'a' and beta = 7", ""),
         ("from posteriors where beta = 7", ""),
         ("select count(*) from posteriors where task == 'b'", "the catalog has no task 'b'; it has a\n"),
