@@ -17,6 +17,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import polars as pl
 from PIL import Image
 from take_pictures import take_picture
 
@@ -49,6 +50,9 @@ VIEWS = {  # and the second of the replay, where it is not the one that it opens
     "studies.png": ("studies/inspect.rrd", None),
     "watch.png": ("table/watch/inspect.rrd", None),
 }
+MOVING, FRAMES, FRAME_MS = "table.gif", 12, 700
+"""The short moving picture of the README: how many moments of the replay of the task `table` it has."""
+UPPER = (0, 30, 1600, 585)  # of a window of 1600 x 1000: the scene and the posterior
 WATCHED = 3  # recordings of the task `table`, for the picture of `lessbench watch`
 REPORT, REPORT_SIZE = "report.png", "1100,1500"
 TARGET = ROOT / "docs" / "pictures"
@@ -68,11 +72,27 @@ def main() -> None:
         except RuntimeError as error:
             missing.append(f"{name}: {error}")
     try:
+        take_moving(TARGET / MOVING)
+    except RuntimeError as error:
+        missing.append(f"{MOVING}: {error}")
+    try:
         _take_report(TARGET / REPORT)
     except RuntimeError as error:
         missing.append(f"{REPORT}: {error}")
     if missing:
         sys.exit("\n".join(missing))
+
+
+def take_moving(picture: Path) -> None:
+    """Write a few moments of a replay as one GIF: people demonstrate, and the posterior sharpens."""
+    durations = pl.read_parquet(ROOT / "datasets/table/tables/demonstrations.parquet")["duration_s"]
+    frames = []
+    with tempfile.TemporaryDirectory() as folder:
+        for moment in np.linspace(1.0, float(durations.sum()) - 0.5, FRAMES):
+            take_picture(ROOT / "datasets/table/inspect.rrd", Path(folder) / "frame.png", float(moment))
+            with Image.open(Path(folder) / "frame.png") as frame:
+                frames.append(frame.convert("RGB").crop(UPPER).reduce(2).quantize(96))
+    frames[0].save(picture, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0, optimize=True)
 
 
 # Seven ways to carry a mug, as in docs/api.md: how long each is, and how close it passes to a laptop.
