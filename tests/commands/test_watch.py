@@ -96,10 +96,11 @@ def test_recordings_come_while_it_runs(project: Project, tmp_path: Path, capsys:
     assert order == ["demo-2.mcap:", "demo-1.mcap:", "demo-0.mcap:"]
     assert sum("broken.mcap: not used (not-mcap)" in line for line in lines) == 1
     assert sum("demo-1.mcap: waits, as it is not closed yet" in line for line in lines) == 1
-    assert "Boltzmann " in lines[-2]
-    assert "; LESS " in lines[-2]
-    assert lines[-1].startswith("3 demonstrations, 1 not used")
-    assert lines[-1].endswith("kept in datasets/sweep/watch")
+    assert "Boltzmann " in lines[-3]
+    assert "; LESS " in lines[-3]
+    assert lines[-2].startswith("3 demonstrations, 1 not used")
+    assert lines[-2].endswith("kept in datasets/sweep/watch")
+    assert lines[-1].startswith("these are beliefs, and no verdict; `lessbench answer sweep`")
 
     kept = project.datasets / "sweep" / "watch"
     assert sorted(path.name for path in kept.iterdir()) == [
