@@ -180,7 +180,7 @@ def test_it_serves_while_it_watches_and_keeps_what_it_has_when_told_to_end(proje
         process.send_signal(signal.SIGINT)
         rest, complained = process.communicate(timeout=60)
     assert process.returncode == 0, complained
-    assert rest.splitlines()[-1] == "3 demonstrations; kept in datasets/sweep/watch"
+    assert rest.splitlines()[-2] == "3 demonstrations; kept in datasets/sweep/watch"
     assert "/summary" in entities(project.datasets / "sweep" / "watch" / "inspect.rrd")
 
 
