@@ -8,12 +8,14 @@ import runpy
 import shutil
 import subprocess
 import sys
+import tomllib
 import venv
 import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 import pipeline.choice
 from pipeline.commands.init import BEGINNING, init
@@ -21,6 +23,9 @@ from pipeline.errors import StageError
 
 ROOT = Path(__file__).resolve().parents[2]
 LIBRARIES = Path(np.__file__).parents[1]  # what a wheel asks for; its own names are in the new environment alone
+CONDA_NAMES = {
+    "finufft": "python-finufft", "duckdb": "python-duckdb", "mujoco": "mujoco-python", "matplotlib": "matplotlib-base",
+}  # fmt: skip
 SMALL = """
 sample: {sizes: [5, 20], sets: 2, working_set: 60}
 ingest: {waypoints: 11}
@@ -148,3 +153,15 @@ def test_a_project_begins_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_the_repository_offers_the_same() -> None:
     offered = runpy.run_path(str(ROOT / "lessbench" / "__init__.py"))
     assert offered["__getattr__"]("LESS") is pipeline.choice.LESS
+
+
+def test_the_recipe_for_conda_asks_for_what_the_package_asks_for() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    recipe = YAML(typ="safe").load((ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    assert recipe["context"]["version"] == project["version"]
+    asked = dict(map(str.split, recipe["requirements"]["run"]))
+    assert asked.pop("python") == project["requires-python"]
+    for requirement in project["dependencies"]:
+        name, bounds = re.match(r"([\w.-]+)(?:\[\w+\])?(.*)", requirement).groups()  # type: ignore[union-attr]
+        assert asked.pop(CONDA_NAMES.get(name, name)) == bounds
+    assert not asked
