@@ -306,7 +306,7 @@ BY_COMMAND = (
             "trips_exact", "trips_estimates", "trips_held_out", "trips_scores", "trips_angles", "trips_routes",
             "trips_route_links", "trips_map",
         ),
-        outputs=("datasets/studies/trips_figures",),
+        outputs=("datasets/studies/trips_figures", "datasets/trips.html"),
     ),
 )  # fmt: skip
 """What DVC does not run, because the project does not have the data. The catalog takes the tables that are there."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version
+
 from pipeline.errors import StageError
 from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.parquet.tables import read_table, write_table
@@ -11,13 +13,16 @@ from pipeline.studies.trips.study import run_trips
 from pipeline.studies.trips.town_map import town_map
 from pipeline.views.figures.style import write_figure
 from pipeline.views.figures.trips import routes_figure, samplers_figure, scores_figure
+from pipeline.views.report.html import write_report
+from pipeline.views.report.trips import trips_report
 from pipeline.vocabulary import STUDIES
+from pipeline.workspace.progress import tracked
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 
 
 def run(project: Project) -> None:
-    """Write the tables of the study and its figures.
+    """Write the tables of the study, its figures and its page, datasets/trips.html.
 
     Raises:
         StageError: no trips were imported.
@@ -26,10 +31,12 @@ def run(project: Project) -> None:
     inputs = [project.table(STUDIES, name) for name in stage("trips").reads]
     if missing := next((path for path in inputs if not path.is_file()), None):
         raise StageError(f"{missing}: there is no such table; import trips with `lessbench import trips FOLDER`")
-    figures = project.path(stage("trips").outputs[0])
-    with recorded_run(project, "trips", STUDIES, (figures,)) as record:
+    figures, page = (project.path(output) for output in stage("trips").outputs)
+    with recorded_run(project, "trips", STUDIES, (figures, page)) as record:
         network, observed = (read_table(path, path.stem) for path in inputs)
-        study = run_trips(Roads.of(network, observed), project.params.seed)
+        study = run_trips(
+            Roads.of(network, observed), project.params.seed, tracked=lambda numbers: tracked(numbers, "samplings")
+        )
         stated = provenance(project, parameters("trips"), inputs)
         town = town_map(network)
         for name, table in (vars(study) | {"map": town}).items():
@@ -38,4 +45,7 @@ def run(project: Project) -> None:
             write_figure(folder, "scores", scores_figure(study.scores))
             write_figure(folder, "samplers", samplers_figure(study.angles))
             write_figure(folder, "routes", routes_figure(town, study.routes, study.route_links))
+        pictures = {path.stem: path.read_bytes() for path in sorted(figures.glob("*.svg"))}
+        made_by = f"lessbench {version('lessbench')}, seed {project.params.seed}"
+        write_report(page, trips_report(vars(study), pictures, made_by))
         record.produced = f"{study.estimates.height} estimates, {study.held_out.height:,} held-out scores"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -23,7 +23,7 @@ from pipeline.studies.trips.path_models import BOLTZMANN_CORRECTED, MODELS, RECU
 from pipeline.studies.trips.roads import FEATURES, Roads
 from pipeline.trajectories.random_streams import child_rng
 
-SAMPLINGS: Mapping[int, int] = MappingProxyType({10: 3, 30: 3, 100: 2, 300: 2, 1000: 1})
+SAMPLINGS: Mapping[int, int] = MappingProxyType({10: 5, 30: 5, 100: 5, 300: 4, 1000: 3})
 """How many samplings there are of sets of each size."""
 FOLDS = 5
 SHOWN_SIZE = 100  # about how large the sets are whose routes are shown
@@ -45,13 +45,19 @@ class TripsStudy:
     route_links: pl.DataFrame
 
 
-def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS) -> TripsStudy:
+def run_trips(
+    roads: Roads,
+    seed: int,
+    samplings: Mapping[int, int] = SAMPLINGS,
+    tracked: Callable[[Sequence[int]], Iterable[int]] = iter,
+) -> TripsStudy:
     """All of it, sampling by sampling, each with sets of all sizes.
 
     Args:
         roads: the network and the trips.
         seed: of the project.
         samplings: how many samplings there are of each set size.
+        tracked: goes through the samplings, and may show how far it is.
 
     Raises:
         ArgumentError: a model cannot be estimated.
@@ -63,7 +69,7 @@ def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS)
     estimates: list[dict[str, object]] = []
     held_out: list[pl.DataFrame] = []
     shown = min(samplings, key=lambda size: abs(size - SHOWN_SIZE))
-    for sampling in range(max(samplings.values())):
+    for sampling in tracked(range(max(samplings.values()))):
         sizes = [size for size, count in samplings.items() if sampling < count]
         drew = draw_all(roads, sizes, sampling, seed)
         if sampling == 0:
@@ -71,7 +77,7 @@ def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS)
 
         def one(key: tuple[int, str, str], drawn: Mapping[int, Mapping[str, Drawn]] = drew.drawn) -> _Fit:
             size, sampler, model = key
-            return _fit(drawn[size][sampler], model, folds, exact_folds)
+            return _fit(drawn[size][sampler], model, folds, exact_folds, logit)
 
         keys = list(product(sizes, SAMPLERS, MODELS))
         with ThreadPoolExecutor(WORKERS) as pool:
@@ -79,7 +85,7 @@ def run_trips(roads: Roads, seed: int, samplings: Mapping[int, int] = SAMPLINGS)
                 about = {"sampler": sampler, "set_size": size, "sampling": sampling}
                 held_out.append(_by_trip(roads, about, model, fit.held_out))
                 if fit.parameters is not None:
-                    estimates.append(about | _estimate(model, fit, logit))
+                    estimates.append(about | _estimate(model, fit))
     by_trip, table = pl.concat(held_out), pl.DataFrame(estimates)
     published = logit.log_likelihoods(PUBLISHED)
     return TripsStudy(
@@ -182,37 +188,36 @@ class _Fit:
 
     parameters: FloatArray | None
     log_likelihood: float
+    log_likelihood_all_paths: float | None
     held_out: FloatArray
 
 
-def _fit(drawn: Drawn, model: str, folds: list[BoolArray], exact_folds: list[FloatArray]) -> _Fit:
+def _fit(
+    drawn: Drawn, model: str, folds: list[BoolArray], exact_folds: list[FloatArray], logit: RecursiveLogit
+) -> _Fit:
     """The parameters from all trips, and the score of each trip under the parameters from the other folds."""
     estimator = Estimator(drawn, model)
     if model == RECURSIVE_LOGIT:
-        return _Fit(None, float("nan"), estimator.held_out(exact_folds, folds))
+        return _Fit(None, float("nan"), None, estimator.held_out(exact_folds, folds))
     parameters = estimator.fit()
     parts = [estimator.fit((~held).astype(np.float64), parameters) for held in folds]
-    return _Fit(parameters, float(estimator.log_p(parameters).sum()), estimator.held_out(parts, folds))
-
-
-def _estimate(model: str, fit: _Fit, logit: RecursiveLogit) -> dict[str, object]:
-    parameters = fit.parameters
-    assert parameters is not None
-    own = float(parameters[-1]) if len(parameters) > len(FEATURES) else None
-    exact = None
-    if own is None:
+    inside, over_all = float(estimator.log_p(parameters).sum()), None
+    if len(parameters) == len(FEATURES):
         try:
-            exact = float(logit.log_likelihoods(parameters).sum())
+            over_all = float(logit.log_likelihoods(parameters).sum())
         except ArgumentError:  # the sum over all paths is infinite at these weights
-            exact = None
-    named = dict(zip(FEATURES, parameters.tolist(), strict=False))
+            over_all = None
+    return _Fit(parameters, inside, over_all, estimator.held_out(parts, folds))
+
+
+def _estimate(model: str, fit: _Fit) -> dict[str, object]:
+    assert fit.parameters is not None
+    weights = fit.parameters.tolist()
     return {
-        "model": model,
-        **named,
-        "own": own,
-        "log_likelihood": fit.log_likelihood,
-        "log_likelihood_all_paths": exact,
-    }
+        "model": model, **dict(zip(FEATURES, weights, strict=False)),
+        "own": weights[-1] if len(weights) > len(FEATURES) else None,
+        "log_likelihood": fit.log_likelihood, "log_likelihood_all_paths": fit.log_likelihood_all_paths,
+    }  # fmt: skip
 
 
 def _by_trip(roads: Roads, about: Mapping[str, object], model: str, scores: FloatArray) -> pl.DataFrame:

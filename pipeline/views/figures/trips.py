@@ -16,6 +16,8 @@ from pipeline.studies.trips.path_models import (
     LESS_LINKS,
     LESS_POOLED,
     MODELS,
+    NESTED_CORRECTED,
+    NESTED_LOGIT,
     PATH_SIZE,
     RECURSIVE_LOGIT,
 )
@@ -35,6 +37,8 @@ COLORS = {
     LESS: palette.ORANGE,
     LESS_POOLED: palette.YELLOW,
     LESS_LINKS: palette.GREEN,
+    NESTED_LOGIT: (120, 120, 120),
+    NESTED_CORRECTED: (120, 70, 30),
 }
 SHOWN = (RECURSIVE_LOGIT, BOLTZMANN, LESS)
 LEAST_SHARE = 0.005
@@ -128,7 +132,12 @@ def _short(model: str) -> str:
 
 def _routes(ax: Axes, town: pl.DataFrame, drawn: pl.DataFrame, shares: pl.DataFrame) -> None:
     """Links as wide as the share of the routes that use them, and the route taken as a thin line on top."""
-    ax.add_collection(LineCollection(list(_lines(town)), colors=[(0.8, 0.8, 0.8)], linewidths=0.4))
+    taken = drawn.filter(route=0)
+    points = _lines(taken).reshape(-1, 2)
+    middle, reach = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0).max() * 0.65 + 0.2
+    around = _lines(town)
+    around = around[(np.abs(around - middle) <= reach).all(axis=2).any(axis=1)]
+    ax.add_collection(LineCollection(list(around), colors=[(0.8, 0.8, 0.8)], linewidths=0.4))
     used = (
         drawn.join(shares.select("route", "share"), on="route", how="inner", maintain_order="left")
         .group_by("link", maintain_order=True)
@@ -139,10 +148,7 @@ def _routes(ax: Axes, town: pl.DataFrame, drawn: pl.DataFrame, shares: pl.DataFr
     ax.add_collection(
         LineCollection(list(_lines(used)), colors=[color(palette.ORANGE)], linewidths=widths, capstyle="round")
     )
-    taken = drawn.filter(route=0)
     ax.add_collection(LineCollection(list(_lines(taken)), colors=[INK], linewidths=0.7))
-    points = _lines(taken).reshape(-1, 2)
-    middle, reach = (points.max(axis=0) + points.min(axis=0)) / 2, np.ptp(points, axis=0).max() * 0.65 + 0.2
     ax.set_xlim(middle[0] - reach, middle[0] + reach)
     ax.set_ylim(middle[1] - reach, middle[1] + reach)
     ax.set_aspect("equal")
