@@ -271,6 +271,7 @@ def watch(
     live: IsLive = False,
     port: Port = 9876,
     bind: Bind = "127.0.0.1",
+    as_json: AsJson = False,
 ) -> None:
     """Take recordings in as they appear, and say after each what is most probable. Ctrl-C ends.
 
@@ -282,7 +283,7 @@ def watch(
     from pipeline.commands.serve import Live
     from pipeline.commands.watch import Until, run
 
-    run(this_project(), folder, task, Until(until, idle_s), Live(bind, port) if live else None)
+    run(this_project(), folder, task, Until(until, idle_s), Live(bind, port) if live else None, as_json)
 
 
 @commands.command(rich_help_panel=LOOK)

@@ -7,9 +7,11 @@ with these alternatives and this choice space, whose bound on effort the recordi
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
 FOLDER = "watch"  # in the task's folder of datasets: what is kept when watching ends
 TABLES = ("alternatives", "features", "scales", "densities")
 LOOK_S = 0.5
+_json_lines: ContextVar[bool] = ContextVar("json_lines", default=False)
 POSES = 100  # configurations of alternatives that show which bodies move
 
 
@@ -184,13 +187,18 @@ class Belief:
         return raw[:, _pair(self.setting)]
 
 
-def run(project: Project, folder: Path | None, name: str | None, until: Until, live: Live | None) -> None:
+def run(
+    project: Project, folder: Path | None, name: str | None, until: Until, live: Live | None, as_json: bool = False
+) -> None:
     """Watch a folder until told to end, then keep what was found in `datasets/<task>/watch`.
+
+    With `as_json` each line that is printed is a JSON object, for programs.
 
     Raises:
         StageError: it is not clear which task is meant, or its tables cannot be used.
         TableError: a table is missing or not what it should be.
     """
+    _json_lines.set(as_json)
     name, folder = which_task(project, folder, name)
     address = None if live is None else claimed(live)
     with recorded_run(project, "watch", name) as record:
@@ -202,10 +210,11 @@ def run(project: Project, folder: Path | None, name: str | None, until: Until, l
         try:
             with folder_written_whole(target) as partial:
                 with _shown(partial, setting, belief, address) as shown:
-                    say(
+                    _tell(
+                        "watching",
                         f"watching {folder}{'' if folder.is_dir() else ' (not there yet)'} for {name}: "
                         f"{len(setting.raw):,} alternatives{belief.over}, {len(setting.thetas)} thetas x "
-                        f"{len(setting.betas)} betas; Ctrl-C ends"
+                        f"{len(setting.betas)} betas; Ctrl-C ends",
                     )
                     for path in _files(arrivals, belief, until, shown):
                         _take(path, project, belief, rejected, shown)
@@ -213,12 +222,15 @@ def run(project: Project, folder: Path | None, name: str | None, until: Until, l
                     raise _NothingToKeep
                 _write(partial, project, belief, rejected, folder)
         except _NothingToKeep:
-            say("no demonstration came, so nothing was kept")
+            _tell("end", "no demonstration came, so nothing was kept")
             record.produced = "nothing: no demonstration came"
             return
         record.produced = ", ".join(_counts(belief, rejected, arrivals))
-        say(f"{record.produced}; kept in {project.shown(target)}")
-        say(f"these are beliefs, and no verdict; `lessbench answer {name}` has that of the task's own demonstrations")
+        _tell("end", f"{record.produced}; kept in {project.shown(target)}", kept=project.shown(target))
+        _tell(
+            "note",
+            f"these are beliefs, and no verdict; `lessbench answer {name}` has that of the task's own demonstrations",
+        )
 
 
 class _NothingToKeep(Exception):
@@ -328,7 +340,8 @@ def _files(arrivals: Arrivals, belief: Belief, until: Until, shown: Watched) -> 
                 if stop.is_set() or _enough(belief, until):
                     return
             for path in news.waiting:
-                say(f"{path.name}: waits, as it is not closed yet; whoever records it may still be writing")
+                waits = f"{path.name}: waits, as it is not closed yet; whoever records it may still be writing"
+                _tell("waits", waits, file=path.name)
             if until.idle_s is not None and time.monotonic() - last >= until.idle_s:
                 return
             if stop.wait(LOOK_S):
@@ -352,7 +365,7 @@ def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict
         )
         name = plain(path.name, LONGEST_NAME + 60)
         rejected[path.name] = {"source": name, "reason": reason, "detail": detail}
-        say(f"{name}: not used ({reason}): {detail.rstrip('.')}")
+        _tell("rejected", f"{name}: not used ({reason}): {detail.rstrip('.')}", file=name, reason=reason, detail=detail)
         if known:
             belief.drop(path.stem)
             shown.remove(path.stem, belief.on_map(), *_marginals(belief))
@@ -370,7 +383,8 @@ def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict
             *_marginals(belief),
         )
     )
-    say(f"{len(belief.rows):>3} {path.name}{' again' if known else ''}: {'; '.join(_lines(belief))}")
+    line = f"{len(belief.rows):>3} {path.name}{' again' if known else ''}: {'; '.join(_lines(belief))}"
+    _tell("taken", line, file=path.name, demonstrations=len(belief.rows), models=_as_data(belief))
 
 
 def _refuse_copy(row: dict[str, Any], belief: Belief) -> None:
@@ -386,7 +400,25 @@ def _forget(news: News, belief: Belief, shown: Watched) -> None:
         if path.stem in belief.rows:
             belief.drop(path.stem)
             shown.remove(path.stem, belief.on_map(), *_marginals(belief))
-            say(f"{len(belief.rows):>3} {path.name} is gone: {'; '.join(_lines(belief))}")
+            line = f"{len(belief.rows):>3} {path.name} is gone: {'; '.join(_lines(belief))}"
+            _tell("gone", line, file=path.name, demonstrations=len(belief.rows), models=_as_data(belief))
+
+
+def _tell(event: str, line: str, **more: object) -> None:
+    """Say a line, or for programs what happened, as a JSON object on one line."""
+    say(json.dumps({"event": event, "said": line, **more}) if _json_lines.get() else line)
+
+
+def _as_data(belief: Belief) -> dict[str, dict[str, object]]:
+    """By model, the most probable weights, their probability, and how many thetas are still plausible."""
+    return {
+        model: {
+            "theta": dict(zip(belief.setting.features, posterior.map_theta.tolist(), strict=True)),
+            "probability": float(posterior.marginal_theta[posterior.map_index]),
+            "plausible": float(np.exp(entropy(posterior.marginal_theta))),
+        }
+        for model, posterior in belief.posteriors().items()
+    }
 
 
 def _lines(belief: Belief) -> list[str]:

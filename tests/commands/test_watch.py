@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import signal
 import threading
@@ -162,6 +163,22 @@ def test_a_copy_counts_once(project: Project, tmp_path: Path, capsys: pytest.Cap
     said = capsys.readouterr().out
     assert "second.mcap: not used (copy): It holds the same recording as first.mcap, which is used" in said
     assert "1 demonstration, 1 not used; kept in datasets/sweep/watch" in said
+
+
+def test_what_happens_as_json(project: Project, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "coming"
+    for name in ("first.mcap", "second.mcap"):
+        bow(folder / name)
+    watch.run(project, folder, None, Until(idle_s=0.5), None, as_json=True)
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [event["event"] for event in events] == ["watching", "taken", "rejected", "end", "note"]
+    _, taken, rejected, end, _ = events
+    assert (taken["file"], taken["demonstrations"], rejected["reason"]) == ("first.mcap", 1, "copy")
+    assert set(taken["models"]) == set(project.params.infer.models)
+    for found in taken["models"].values():
+        assert set(found["theta"]) == set(project.params.task("sweep").features)
+        assert 0 < found["probability"] <= 1 <= found["plausible"]
+    assert end["kept"] == "datasets/sweep/watch"
 
 
 def test_it_serves_while_it_watches_and_keeps_what_it_has_when_told_to_end(project: Project, tmp_path: Path) -> None:

@@ -64,7 +64,9 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ],
     ("view",): [["studies"], [EVIL]],
     ("verify",): [[], ["sweep"], [EVIL], ["--sample", EVIL]],
-    ("watch",): [["--idle-s", "0"], [EVIL, "--task", "sweep", "--idle-s", "0"], ["--task", EVIL]],
+    ("watch",): [
+        ["--idle-s", "0"], ["--idle-s", "0", "--json"], [EVIL, "--task", "sweep", "--idle-s", "0"], ["--task", EVIL],
+    ],
     ("summary",): [[]],
     ("check",): [
         [f"mine/{FILE}.mcap", f"mine/{FILE}broken.mcap", EVIL, "--task", "sweep"], [f"--{EVIL}"],
