@@ -9,7 +9,7 @@ PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-c
 RUN_LOCK = requirements.lock
 TEST_LOCKS = requirements-cluster.lock requirements-dev.lock
 
-.PHONY: repro test pictures install install-dev locks
+.PHONY: repro test docs pictures install install-dev locks
 
 install: .venv/installed
 install-dev: .venv/installed-dev
@@ -36,6 +36,10 @@ test: install-dev
 	lint-imports
 	pytest -q --numprocesses auto --dist loadscope --no-loadscope-reorder
 
+# the documentation as a site in build/site, without the network
+docs: install-dev
+	python docs/make_site.py
+
 # the pictures of README and docs, from what `make repro` computed
 pictures: install
 	python docs/make_pictures.py
@@ -46,5 +50,5 @@ besides = $$(sed -nE 's/^([a-z0-9.-]+)==.*/--no-emit-package \1/p' $(1)) $(1:%=-
 locks:
 	echo "setuptools>=80" | $(LOCK) - --output-file $(RUN_LOCK)
 	$(LOCK) --extra cluster $(call besides,$(RUN_LOCK)) --output-file requirements-cluster.lock
-	$(LOCK) --extra cluster --extra ros --extra hdf5 --extra dev $(call besides,$(RUN_LOCK) requirements-cluster.lock) --output-file requirements-dev.lock
+	$(LOCK) --extra cluster --extra ros --extra hdf5 --extra docs --extra dev $(call besides,$(RUN_LOCK) requirements-cluster.lock) --output-file requirements-dev.lock
 	python docs/make_licences.py

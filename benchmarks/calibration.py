@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 
+from benchmarks.explained import explain
 from benchmarks.measuring import clustered, show, timed
 from pipeline.answers.calibration import calibrate
 from pipeline.answers.flatness import flatness
@@ -72,4 +73,5 @@ def _row(inference: str, name: str, places, k: np.ndarray) -> tuple[str, ...]:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

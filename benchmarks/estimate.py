@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.explained import explain
 from benchmarks.measuring import clustered, recorded
 from pipeline.choice.kernel import cost_model
 from pipeline.choice.kernel.fourier import Grid
@@ -194,4 +195,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

@@ -13,6 +13,7 @@ import numpy as np
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from benchmarks.explained import explain
 from benchmarks.measuring import measured, record, show, timed
 from pipeline.formats.mcap.joint_states import read_joint_states, write_joint_states
 
@@ -71,4 +72,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

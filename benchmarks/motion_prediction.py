@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from benchmarks.explained import explain
 from benchmarks.measuring import show, timed
 from pipeline.answers.motion_prediction import Forecast, ForecastScore, score_forecasts
 from pipeline.choice import LESS, Boltzmann
@@ -27,7 +28,7 @@ from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import load_scene
 from pipeline.trajectories.continuation import nearest, prefix_log_kernel, spliced, straight_on
-from pipeline.trajectories.timebase import demonstration_waypoints
+from pipeline.trajectories.timebase import moving_part
 
 
 @dataclass(frozen=True)
@@ -62,9 +63,9 @@ def read(datasets: Path, task: str, recordings: Path | None) -> Data:
         found = [read_joint_states(path, joints=scene.joints) for path in sorted(recordings.glob("*.mcap"))]
         people = np.stack(
             [
-                demonstration_waypoints(
-                    (one.time_ns - one.time_ns[0]) / 1e9, one.positions, continuous, scene.start, alternatives.shape[1]
-                )[0]
+                moving_part((one.time_ns - one.time_ns[0]) / 1e9, one.positions, continuous).waypoints(
+                    scene.start, continuous, alternatives.shape[1]
+                )
                 for one in found
             ]
         )
@@ -146,4 +147,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.explained import explain
 from benchmarks.measuring import show, timed
 from benchmarks.motion_prediction import read
 from pipeline.choice import LESS, Boltzmann
@@ -61,4 +62,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.explained import explain
 from benchmarks.measuring import clustered, measured, seconds, show, timed
 from pipeline.choice import LESS, Boltzmann, infer
 
@@ -29,4 +30,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

@@ -24,6 +24,7 @@ from mcap_protobuf.writer import Writer as ProtobufWriter
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
+from benchmarks.explained import explain
 from benchmarks.measuring import measured, record, show, timed
 from pipeline.formats.mcap.joint_states import write_joint_states
 from pipeline.formats.recordings.columns import ColumnMap
@@ -238,4 +239,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

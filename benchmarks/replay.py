@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from benchmarks.explained import explain
 from benchmarks.measuring import Run, measured, record, show, timed
 from pipeline.params import load
 from pipeline.replay import bind_features, body_positions, clear_of, load_scene
@@ -255,4 +256,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

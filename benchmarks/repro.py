@@ -14,6 +14,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from benchmarks.explained import explain
 from benchmarks.measuring import record, show, timed
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -70,4 +71,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

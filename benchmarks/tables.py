@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from benchmarks.explained import explain
 from benchmarks.measuring import clustered, measured, record, show, timed
 from pipeline.formats.parquet.tables import table_writer
 from pipeline.formats.parquet.task_tables import TaskTables
@@ -91,4 +92,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

@@ -8,6 +8,7 @@ import statistics
 import finufft
 import numpy as np
 
+from benchmarks.explained import explain
 from benchmarks.measuring import clustered, seconds, show, timed
 from pipeline.choice.kernel import cost_model
 from pipeline.choice.kernel.fourier import Grid, Sketch
@@ -55,4 +56,5 @@ def _median(function: object) -> float:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

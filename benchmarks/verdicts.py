@@ -9,6 +9,7 @@ from collections import Counter
 
 import numpy as np
 
+from benchmarks.explained import explain
 from benchmarks.measuring import show, timed
 from pipeline.answers.assessment import assess
 from pipeline.answers.simulated_setups import KINDS, make
@@ -44,4 +45,5 @@ def cell(found: Counter[tuple[Trust, bool]], trust: Trust) -> str:
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

@@ -12,6 +12,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
+from benchmarks.explained import explain
 from benchmarks.measuring import show, timed
 from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.weights import Choices, GroupPrior, WeightPrior, sample_group, sample_weights
@@ -131,4 +132,5 @@ def groups():
 
 
 if __name__ == "__main__":
+    explain(__doc__)
     main()

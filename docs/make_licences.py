@@ -16,9 +16,9 @@ PAGE = ROOT / "docs" / "licences.md"
 LOCKS = {
     "run": ("requirements.lock", "What the pipeline needs"),
     "cluster": ("requirements-cluster.lock", "What computing on many machines needs besides"),
-    "dev": ("requirements-dev.lock", "What the tests need besides, and what the extras `ros` and `hdf5` bring"),
+    "dev": ("requirements-dev.lock", "What the tests need besides, and what the extras `ros`, `hdf5` and `docs` bring"),
 }
-TESTED = ("ros", "hdf5")
+TESTED = ("ros", "hdf5", "docs")
 """Extras that the lock of the tests has, too."""
 PARTS = {
     "polars": {"polars-runtime-32"},
@@ -39,8 +39,9 @@ Rerun with its viewer (0.5 GB), polars, pyarrow, scipy, duckdb, mujoco and numpy
 matplotlib bring (0.15 GB). The environment of `make test` takes 0.3 GB more.
 
 The project's own code is under the MIT licence and imports no package under the GPL. DVC, which runs it, brings two:
-grandalf (GPL 2) and pygit2 (GPL 2 with an exception for linking). pingouin (GPL 3) is a peer that only the tests
-import. A copy that brings these along (an image, a bundled environment) passes them on under their terms.
+grandalf (GPL 2) and pygit2 (GPL 2 with an exception for linking). Only the tests use pingouin
+(GPL 3, a peer) and codespell (GPL 2). A copy that brings these along (an image, a bundled environment) passes them on
+under their terms.
 """
 USED_FOR = {
     "numpy": "arrays",
@@ -58,6 +59,7 @@ USED_FOR = {
     "pydantic": "params.yaml checked",
     "ruamel-yaml": "params.yaml read and edited",
     "typer": "the command line",
+    "click": "the pager of lessbench sql",
     "rich": "tables and progress on a terminal",
     "prompt-toolkit": "the prompt of lessbench sql",
     "pygments": "SQL in colours at that prompt",
@@ -75,6 +77,9 @@ USED_FOR = {
     "ruff": "lint and format",
     "mypy": "types",
     "import-linter": "layers",
+    "zensical": "the documentation as a site",
+    "mkdocstrings-python": "its page of docstrings",
+    "codespell": "spelling",
     "pingouin": "the peer of the analysis of variance",
     "statsmodels": "the peer of the logistic regression",
     "scikit-learn": "the peer of the density, in tests and benchmarks",

@@ -10,11 +10,13 @@ import fcntl
 import io
 import json
 import os
+import shutil
 import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from itertools import chain
 from typing import IO, TYPE_CHECKING, TextIO, cast
 
 from pipeline.errors import OutputError
@@ -92,6 +94,27 @@ def show(what: RenderableType, width: int | None = None) -> None:
     with _written():
         Console(width=width).print(what)
         sys.stdout.flush()
+
+
+def show_in_pager(texts: Iterator[str]) -> None:
+    """Print texts on a terminal as they come; if the first is higher than the terminal, through `$PAGER` or `less`.
+
+    Raises:
+        OutputError: standard output cannot be written.
+    """
+    first = next(texts, "")
+    if first.count("\n") + 2 < shutil.get_terminal_size().lines or not sys.stdin.isatty():
+        with standard_output() as stream:
+            for text in chain([first], texts):
+                stream.write(text.encode(sys.stdout.encoding or "utf-8", "backslashreplace"))
+        return
+    from click import get_pager_file
+
+    os.environ.setdefault("LESS", "-FRX")  # as git has it: colours, and what was read stays on the terminal
+    with _written(), get_pager_file() as pager:
+        for text in chain([first], texts):
+            pager.write(text)
+            pager.flush()
 
 
 @contextmanager

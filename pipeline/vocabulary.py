@@ -38,11 +38,14 @@ MODELS: Mapping[str, str] = {
 
 # Regimes of the robustness study: how the sets of alternatives that are compared came about.
 INDEPENDENT, SAMPLER_SHIFT, KNOWN_DENSITY = "independent", "sampler-shift", "known-density"
+WITH_OPTIMA, EXPLORED_SPACE = "with-optima", "explored"
 
 REGIMES: Mapping[str, str] = {
     INDEPENDENT: "one sampler",
     SAMPLER_SHIFT: "different samplers",
     KNOWN_DENSITY: "samplers of known density",
+    WITH_OPTIMA: "different samplers, with planned paths",
+    EXPLORED_SPACE: "explored choice space",
 }
 
 # Whether a row of that study is about demonstrations one by one or about all of them together.

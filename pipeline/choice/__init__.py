@@ -11,13 +11,14 @@ from pipeline.choice.kernel.cost_model import EngineChoice
 from pipeline.choice.kernel.density import choose_engine, log_density
 from pipeline.choice.likelihood import log_likelihood, log_probabilities
 from pipeline.choice.metrics import angle_to, entropy, kl_aggregate, true_match, true_posterior
-from pipeline.choice.models import LESS, AttributeRule, Boltzmann, Model, PathSize, WeightedSet
+from pipeline.choice.models import LESS, AttributeRule, Boltzmann, ChoiceModel, Model, PathSize, WeightedSet
 
 __all__ = [
     "AttributeRule",
     "Bandwidth",
     "BandwidthWarning",
     "Boltzmann",
+    "ChoiceModel",
     "EngineChoice",
     "Model",
     "HeldOutScore",

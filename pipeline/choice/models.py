@@ -26,7 +26,8 @@ from pipeline.choice.kernel.join import join, own_log_weights
 from pipeline.choice.kernel.unique_rows import distinct_rows
 from pipeline.choice.path_size import check_incidence, check_lengths, log_path_sizes
 from pipeline.choice.validation import matrix, positive, read_only
-from pipeline.errors import ArgumentError, one_of
+from pipeline.errors import ArgumentError, ParameterError, one_of
+from pipeline.plug_ins import MODELS, installed, installed_names
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,8 @@ class Model(Protocol):
         """The log weights of a set of N alternatives, from what the model compares (N, D)."""
 
 
-class _Weighing:
-    """The base class of all models. `choice_model` finds every subclass by its name."""
+class ChoiceModel:
+    """The base class of all models: give a `name`, and say in `weigh` what weight each alternative has."""
 
     name: ClassVar[str]
 
@@ -66,6 +67,7 @@ class _Weighing:
         return cls()
 
     def weigh(self, compared: Any) -> WeightedSet:
+        """The log weights of a set of N alternatives, from what the model compares (N, D)."""
         raise NotImplementedError
 
     def log_weights(self, features: ArrayLike, similarity: Any = None) -> FloatArray:
@@ -86,7 +88,7 @@ class _Weighing:
 
 
 @dataclass(frozen=True)
-class Boltzmann(_Weighing):
+class Boltzmann(ChoiceModel):
     """Luce-Shepard choice: log_w_i = 0 (paper, the Boltzmann model).
 
     >>> Boltzmann().log_weights([[0.0], [1.0]])
@@ -104,7 +106,7 @@ class Boltzmann(_Weighing):
 
 
 @dataclass(frozen=True)
-class AttributeRule(_Weighing):
+class AttributeRule(ChoiceModel):
     """Identical alternatives share one weight: log_w_i = -log(number of rows identical to row i).
 
     >>> AttributeRule().log_weights([[0.0], [0.0], [1.0]]).round(6)
@@ -124,7 +126,7 @@ class AttributeRule(_Weighing):
 
 
 @dataclass(frozen=True)
-class LESS(_Weighing):
+class LESS(ChoiceModel):
     """Choice in which the weight of an alternative is divided by how crowded its surroundings are.
 
     log_w_i = -log sum_j exp(-|phi_i - phi_j|^2 / (2 sigma^2)), over the whole set, i included.
@@ -166,7 +168,7 @@ class LESS(_Weighing):
 
 
 @dataclass(frozen=True, eq=False)
-class PathSize(_Weighing):
+class PathSize(ChoiceModel):
     """Paths that share links share weight: log_w_i = log PS_i.
 
     PS_i = sum over the links a of path i of (l_a / L_i) / (number of paths of the set that use link a).
@@ -205,16 +207,23 @@ def choice_model(name: str, bandwidth: str | float) -> Model:
     """The model that tables and parameters call `name`.
 
     Args:
-        name: one of those in `pipeline.vocabulary`.
+        name: one of those in `pipeline.vocabulary`, or of an installed package.
         bandwidth: of the kernel, in scaled features, or how to select it; models without a kernel ignore it.
 
     Raises:
         ArgumentError: there is no model of that name.
+        ParameterError: its package cannot be imported, or brings no model of that name.
     """
-    models = {model.name: model for model in _Weighing.__subclasses__()}
-    if name not in models:
-        raise ArgumentError(f"there is no model {name!r}; there are {one_of(models)}.")
-    return models[name].with_bandwidth(bandwidth)
+    own = {model.name: model for model in ChoiceModel.__subclasses__() if model.__module__ == __name__}
+    found = own.get(name) or installed(MODELS, name)
+    if found is None:
+        raise ArgumentError(f"there is no model {name!r}; there are {one_of({*own, *installed_names(MODELS)})}.")
+    if not (isinstance(found, type) and issubclass(found, ChoiceModel) and found.name == name):
+        raise ParameterError(
+            f"the model {name!r} of an installed package is {found!r}; it must be a subclass of "
+            f"pipeline.choice.ChoiceModel whose name is {name!r}"
+        )
+    return found.with_bandwidth(bandwidth)
 
 
 def _attribute_rule_joined(rows: FloatArray, log_w: FloatArray, row: Any) -> tuple[FloatArray, float]:

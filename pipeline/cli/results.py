@@ -23,17 +23,15 @@ commands = Commands()
 def sql(
     question: Annotated[
         str | None,
-        typer.Argument(metavar="QUESTION", help="One SQL query (DuckDB's dialect); without it: a prompt."),
+        typer.Argument(metavar="QUESTION", help="One query, in DuckDB's SQL. Without it: a prompt."),
     ] = None,
     form: Annotated[
         Format | None,
-        typer.Option("--format", metavar="FORMAT", help="table, csv, json or parquet; all but table hold all rows."),
+        typer.Option("--format", metavar="FORMAT", help="table, csv, json or parquet. All but table hold all rows."),
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "--output", "-o", metavar="FILE", help="Write to FILE, whole or not at all; its ending says the format."
-        ),
+        typer.Option("--output", "-o", metavar="FILE", help="Write to FILE. Its ending says the format."),
     ] = None,
     rows: Annotated[
         int | None,
@@ -47,14 +45,15 @@ def sql(
     formulas: Annotated[
         bool,
         typer.Option(
-            "--formulas/--no-formulas", help="For CSV: put an apostrophe before what a spreadsheet would calculate."
+            "--formulas/--no-formulas",
+            help="With CSV: whether texts that a spreadsheet would calculate stay as they are.",
         ),
     ] = True,
 ) -> None:
-    """Ask the catalog a question; it is opened read-only, from any folder of the project.
+    """Ask the catalog a question in SQL. It is opened read-only.
 
-    Without a question it opens a prompt on a terminal, and elsewhere says what there is to ask about. A table shows the
-    first rows and says how many there are; the other formats hold all of them.
+    Without a question it opens a prompt; not on a terminal, it says what there is to ask about. A table shows the
+    first rows and how many there are. The other formats hold all rows.
 
     Example: `lessbench sql "from best_hypothesis where participant = 'all' and set_id = 'working'"`
     """
@@ -77,7 +76,7 @@ def answer(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what people wanted, how sure that is, and whether to trust it and why not, in ten lines.
+    """Say in ten lines what people wanted, how sure that is, and whether to trust it.
 
     Example: `lessbench answer table`; docs/answers.md has the rules.
     """
@@ -90,14 +89,17 @@ def answer(
 def plan(
     task: TaskName,
     person: Annotated[
-        str | None, typer.Option("--for", metavar="PERSON", help="For one of the participants (default: someone new).")
+        str | None, typer.Option("--for", metavar="PERSON", help="Plan for this participant. Default: for someone new.")
     ] = None,
-    model: Annotated[str, typer.Option(help="Whose weights: less or boltzmann.")] = LESS,
+    model: Annotated[str, typer.Option(help="Use the weights of this model: less or boltzmann.")] = LESS,
     contacts: Annotated[
-        bool, typer.Option("--contacts/--no-contacts", help="Whether the arm must touch nothing, by MuJoCo's contacts.")
+        bool,
+        typer.Option(
+            "--contacts/--no-contacts", help="Whether the arm may touch anything: with --contacts it may not."
+        ),
     ] = True,
 ) -> None:
-    """Plan the motion that is best for what people want, and write it for a controller into datasets/TASK/plan.
+    """Plan the motion that people would like best, and write it for a controller into datasets/TASK/plan.
 
     plan.mcap has it as JointTrajectory and JointState, plan.csv as a table, plan.rrd for the viewer.
 
@@ -112,13 +114,14 @@ def plan(
 def calibrate(
     task: TaskName,
     demonstrations: Annotated[
-        int | None, typer.Option(min=1, help="Of one person, in each repetition (default: as many as the task has).")
+        int | None,
+        typer.Option(min=1, help="How many demonstrations a simulated person gives. Default: as many as the task has."),
     ] = None,
     repetitions: Annotated[int, typer.Option(min=1, max=10_000, help="For each model.")] = 100,
 ) -> None:
-    """Ask what as many demonstrations as these can tell: simulate people on the task's alternatives, and infer them.
+    """Say what as many demonstrations as these can tell, by simulating people with known weights.
 
-    Would they tell LESS from Boltzmann, and these weights from those? A hundred repetitions take about half a minute.
+    Could they tell LESS from Boltzmann, and one set of weights from another? A hundred repetitions take half a minute.
 
     Example: `lessbench calibrate table --demonstrations 30`
     """
@@ -132,20 +135,21 @@ def export(
     task: TaskName,
     to: Annotated[str, typer.Option("--to", metavar="FORM", help="mcap, parquet, csv, lerobot or arviz.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FOLDER", help="Where to (default: datasets/TASK/FORM).")
+        Path | None,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write. Default: datasets/TASK/FORM."),
     ] = None,
     plan: Annotated[
-        bool, typer.Option("--plan", help="The plan of `lessbench plan` instead of demonstrations.")
+        bool, typer.Option("--plan", help="Write the plan of `lessbench plan` instead of demonstrations.")
     ] = False,
     rate_hz: Annotated[
         int | None,
         typer.Option(
-            "--hz", min=1, max=1000, metavar="NUMBER", help="Poses a second (default: the waypoints as they are)."
+            "--hz", min=1, max=1000, metavar="NUMBER", help="Poses per second. Default: the waypoints as they are."
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace FOLDER with all that is in it.")] = False,
 ) -> None:
-    """Write a task's demonstrations, its plan or the draws of its weights for other programs, whole or not at all.
+    """Write a task's demonstrations, its plan or the draws of its weights for other programs.
 
     mcap: a recording of each motion, JointState in CDR. parquet, csv: a table with a column for each joint. lerobot: a
     dataset of format v3.0 at 30 Hz. arviz: the draws of the weights, for `arviz.from_json`.
@@ -155,6 +159,28 @@ def export(
     from pipeline.commands.export import Wanted, export
 
     export(this_project(), task, Wanted(to, output, plan, rate_hz, force))
+
+
+@commands.command(rich_help_panel=LOOK)
+def compare(
+    first: Annotated[
+        str,
+        typer.Argument(metavar="A", help="A folder, a file of parameters (overlay), a git revision or an experiment."),
+    ],
+    second: Annotated[str, typer.Argument(metavar="B", help="Likewise; `.` is this project as it is now.")],
+    task: Annotated[str | None, typer.Option(metavar="TASK", help="Only this task.", autocompletion=tasks)] = None,
+    recording: Annotated[
+        bool, typer.Option("--recording/--no-recording", help="Whether the posteriors go into .lessbench/compare.rrd.")
+    ] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Put two versions of the results side by side: parameters that differ, answers, posteriors in one recording.
+
+    Example: `lessbench compare HEAD~1 .`, or `lessbench compare before narrow --task table`; see docs/compare.md.
+    """
+    from pipeline.commands.compare import Wanted, run
+
+    run(this_project(), Wanted(first, second, task, recording, as_json))
 
 
 @commands.command(rich_help_panel=LOOK)
@@ -179,7 +205,7 @@ def verify(
     sample: Annotated[int, typer.Option(min=0, help="How many trajectories and posteriors to compute again.")] = 20,
     as_json: AsJson = False,
 ) -> None:
-    """Ask whether the tables are what they say: recompute hashes, replay a sample. Exit status 1 if any is not.
+    """Check that the tables are what was computed: hashes, and a sample replayed. Exit status 1 if any is not.
 
     Example: `lessbench verify table --sample 100`
     """
@@ -206,14 +232,18 @@ def verify(
 def enough(
     task: TaskName,
     tolerance: Annotated[
-        float | None, typer.Option(min=1e-6, help="Nats a pair that count as agreement (default: explore.tolerance).")
+        float | None,
+        typer.Option(min=1e-6, help="Divergence (nats per pair) that counts as agreement. Default: explore.tolerance."),
     ] = None,
     degrees: Annotated[
-        float, typer.Option(min=0.1, max=90.0, help="How wide the posterior of all together may be.")
+        float,
+        typer.Option(
+            min=0.1, max=90.0, help="How wide the posterior of all demonstrations together may be, in degrees."
+        ),
     ] = 20.0,
     as_json: AsJson = False,
 ) -> None:
-    """Say whether a task's answer is steady, and how many more evaluations, alternatives or demonstrations it needs.
+    """Say whether a task's answer is steady, and how much more it needs: evaluations, alternatives, demonstrations.
 
     Example: `lessbench enough table`, or `lessbench enough table --tolerance 0.05 --json`
     """
@@ -232,20 +262,20 @@ def watch(
         Path | None, typer.Argument(metavar="[FOLDER]", help="Where recordings appear (default: those of the task).")
     ] = None,
     task: Annotated[
-        str | None, typer.Option(help="A task of params.yaml; needed if there are several and FOLDER is of none.")
+        str | None, typer.Option(help="A task of params.yaml. Needed if FOLDER belongs to no task.")
     ] = None,
-    until: Annotated[int | None, typer.Option(min=1, help="End once so many demonstrations are in use.")] = None,
+    until: Annotated[int | None, typer.Option(min=1, help="End when this many demonstrations are in use.")] = None,
     idle_s: Annotated[
-        float | None, typer.Option("--idle-s", min=0, help="End once nothing has come for so many seconds.")
+        float | None, typer.Option("--idle-s", min=0, help="End when nothing has come for this many seconds.")
     ] = None,
     live: IsLive = False,
     port: Port = 9876,
     bind: Bind = "127.0.0.1",
 ) -> None:
-    """Take recordings in as they appear and say after each what is most probable; Ctrl-C ends.
+    """Take recordings in as they appear, and say after each what is most probable. Ctrl-C ends.
 
-    A recording counts once it is closed; one that cannot be used is named with its reason. What was found is kept in
-    datasets/TASK/watch, and no other file is changed.
+    A recording counts once it is closed. One that cannot be used is named, with the reason. Results go into
+    datasets/TASK/watch; no other file is changed.
 
     Examples: `lessbench watch datasets/table/recordings --live`, `lessbench watch --task table --until 12`
     """
@@ -257,7 +287,7 @@ def watch(
 
 @commands.command(rich_help_panel=LOOK)
 def summary(as_json: AsJson = False) -> None:
-    """Say what each stage took and produced when it last ran.
+    """Say how long each stage took when it last ran, and what it produced.
 
     Example: `lessbench summary`.
     """

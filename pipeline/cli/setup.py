@@ -22,10 +22,12 @@ def check(
     files: Annotated[
         list[Path], typer.Argument(metavar="RECORDING...", help="Files, folders of recordings, and datasets.")
     ],
-    task: Annotated[str | None, typer.Option(help="Also ask whether the task's joints are in it.")] = None,
+    task: Annotated[
+        str | None, typer.Option(help="Also check it against the joints and the scene of this task.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say what each recording holds, whether it can be used, and if not why. Exit status 1 if any cannot.
+    """Say what each recording holds, and whether it can be used. Exit status 1 if any cannot.
 
     Example: `lessbench check my_recordings --task table`, or `lessbench check demo.hdf5 --json`. What is read is in
     docs/recordings.md.
@@ -48,6 +50,20 @@ def check(
         raise typer.Exit(1)
 
 
+@commands.command(rich_help_panel=BRING)
+def init(folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A new or empty folder.")]) -> None:
+    """Begin a project of your own where there is no copy of the repository: parameters, an arm, scenes.
+
+    DVC does not run in it, as it has no code of its own: `lessbench run TASK` computes a task.
+
+    Example: `lessbench init my_project`, then in that folder `lessbench new-task`.
+    """
+    from pipeline.commands.init import init
+
+    for line in init(folder):
+        say(line)
+
+
 @commands.command("new-task", rich_help_panel=BRING)
 def new_task(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the task: letters, digits, underscores.")],
@@ -63,22 +79,26 @@ def new_task(
     ] = False,
     object_: Annotated[
         list[str] | None,
-        typer.Option("--object", metavar="NAME:X,Y,Z", help="With --arm: an object and where it is, m; once for each."),
+        typer.Option(
+            "--object", metavar="NAME:X,Y,Z", help="With --arm: an object at this position, in m. May be repeated."
+        ),
     ] = None,
     end_effector: Annotated[
-        str | None, typer.Option(help="Body or site whose path matters; else the hand of the arm.")
+        str | None, typer.Option(help="Body or site whose path matters. Default: the hand of the arm.")
     ] = None,
     joint: Annotated[
-        list[str] | None, typer.Option(help="A joint of the arm, in order, once for each; else they are proposed.")
+        list[str] | None, typer.Option(help="A joint of the arm. Repeat it for each, in order. Default: proposed.")
     ] = None,
     joint_name: Annotated[
         list[str] | None,
-        typer.Option(metavar="RECORDED=SCENE", help="What the scene calls a joint of the recordings; once for each."),
+        typer.Option(
+            metavar="RECORDED=SCENE", help="A joint's name in the recordings, and in the scene. May be repeated."
+        ),
     ] = None,
     reading: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY=VALUE", help="What tables and datasets mean, such as time=t or unit=deg; once for each."
+            metavar="KEY=VALUE", help="What columns of tables mean, such as time=t or unit=deg. May be repeated."
         ),
     ] = None,
     own_file: Annotated[
@@ -86,7 +106,7 @@ def new_task(
     ] = False,
     view: Annotated[bool, typer.Option("--view", help="Then show the recordings in the scene, in the viewer.")] = False,
 ) -> None:
-    """Propose a task from a scene and recordings, write it into params.yaml, and say what was chosen and what is odd.
+    """Add a task to params.yaml, proposed from a scene and recordings. Says what it chose, and what is odd.
 
     Nothing else in params.yaml changes. The joints are those of the arm that scene and recordings share; fingers,
     drawers and free bodies are left out.
@@ -181,10 +201,10 @@ def run(
         str | None, typer.Argument(metavar="[TASK]", help="A task of params.yaml.", autocompletion=tasks)
     ] = None,
 ) -> None:
-    """Run every stage of one task, from its recordings to its figures, whether or not it is out of date.
+    """Run every stage of a task, from its recordings to its figures, even those that are up to date.
 
-    Meant for parameters in a file of their own, which `dvc repro` does not see. Without a task, all that the overlay
-    names are run; then their sets are drawn again and again, and the catalog and datasets/section_5.html are written.
+    Use it with parameters in a file of their own (--overlay), which `dvc repro` does not see. Without a task, all tasks
+    of the overlay are run, the study `redraws` with each, and the catalog and datasets/section_5.html are written.
 
     Examples: `lessbench --overlay mine.yaml run pour`, `lessbench --overlay docs/overlays/jaco_twelve.yaml run`.
     """
@@ -204,9 +224,9 @@ def run(
 def inspect_project(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A project that came from elsewhere.")],
 ) -> None:
-    """Look at a received project without running anything of it: what would run, what leads out of it, what is odd.
+    """Look at a project from elsewhere without running any of it: what would run, what leads out, what is odd.
 
-    Exit status 1 if there is any of that, 0 if nothing runs but the stages of this program.
+    Exit status 1 if there is any of that; 0 if only the stages of this program would run.
 
     Example: `lessbench inspect-project received/`.
     """
@@ -223,9 +243,9 @@ def inspect_project(
 def trust(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A project whose feature files you have read.")],
 ) -> None:
-    """Let the feature files of a project run, as they are now; nothing of them is run by this.
+    """Allow the feature files of a project to run, as they are now. This does not run them.
 
-    It is remembered outside of the project, for this folder, and ends for a file that changes.
+    The permission is kept outside of the project, and is for this folder. It ends for a file that changes.
 
     Example: `lessbench trust .`, after `lessbench inspect-project .`.
     """
@@ -242,7 +262,7 @@ def trust(
 
 @commands.command(rich_help_panel=COMPUTE)
 def recover() -> None:
-    """After DVC itself was killed: mend its own files, which it writes in place. Also lets DVC work without git.
+    """Mend DVC's own files after it was killed, and let it work without git.
 
     `make repro` does this first.
 

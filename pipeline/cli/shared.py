@@ -72,9 +72,17 @@ TaskOrStudies = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for programs.")]
 IsLive = Annotated[bool, typer.Option("--live", help="Also serve the recording to Rerun viewers on this machine.")]
-Port = Annotated[int, typer.Option(help="Of --live; 0 for any that is free.")]
-Bind = Annotated[str, typer.Option(metavar="ADDRESS", help="Of --live: another address lets other machines see it.")]
+Port = Annotated[int, typer.Option(help="With --live: the port to serve on; 0 for any free one.")]
+Bind = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS", help="With --live: the address to serve on; one of the network lets other machines see it."
+    ),
+]
 Stay = Annotated[
     bool | None,
-    typer.Option("--stay/--no-stay", help="Serve until Ctrl-C, as on a terminal, or end when done, as in a pipe."),
+    typer.Option(
+        "--stay/--no-stay",
+        help="With --live: serve until Ctrl-C (default on a terminal), or end when done (default elsewhere).",
+    ),
 ]

@@ -82,7 +82,7 @@ def density(task: TaskName) -> None:
 
 @commands.command(rich_help_panel=STAGES)
 def infer(task: TaskName, live: IsLive = False, port: Port = 9876, bind: Bind = "127.0.0.1", stay: Stay = None) -> None:
-    """Compute the posterior over theta and beta under every model into posteriors.parquet.
+    """Compute the posterior over theta and beta under every model (posteriors.parquet).
 
     `lessbench infer table --live` then writes inspect.rrd as well and serves it to Rerun viewers.
 
@@ -100,7 +100,7 @@ def infer(task: TaskName, live: IsLive = False, port: Port = 9876, bind: Bind = 
 
 @commands.command(rich_help_panel=STAGES)
 def explore(task: TaskName) -> None:
-    """Explore the choice space until independent explorations agree, into explored_posteriors.parquet.
+    """Explore the choice space until independent explorations agree (explored_posteriors.parquet).
 
     Example: `lessbench explore table`, then `lessbench enough table`.
     """
@@ -111,7 +111,7 @@ def explore(task: TaskName) -> None:
 
 @commands.command(rich_help_panel=STAGES)
 def shift(task: TaskName) -> None:
-    """Draw sets of alternatives from different samplers into shifted_alternatives.parquet.
+    """Draw sets of alternatives from different samplers (shifted_alternatives.parquet).
 
     Example: `lessbench shift table`, then `lessbench study robustness table`.
     """
@@ -133,7 +133,7 @@ def study(
         str,
         typer.Argument(
             metavar="NAME",
-            help="human-choice, grid-world, robustness, redraws, section-5 or trips.",
+            help="human-choice, grid-world, robustness, redraws, regimes, section-5 or trips.",
             autocompletion=_studies,
         ),
     ],
@@ -142,10 +142,11 @@ def study(
     ] = None,
     choices: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Of human-choice: say what these choices tell; no table is changed."),
+        typer.Option(metavar="FILE", help="With human-choice: analyse the choices in FILE. No table is changed."),
     ] = None,
 ) -> None:
-    """Run a study: `human-choice`, `grid-world`, `robustness TASK`, `redraws TASK`, `section-5`, or `trips`.
+    """Run a study: `human-choice`, `grid-world`, `robustness TASK`, `redraws TASK`, `regimes TASK`,
+    `section-5`, or `trips`.
 
     Examples: `lessbench study grid-world`, `lessbench study robustness table`,
     `lessbench study human-choice --choices choices.csv`.
@@ -166,7 +167,7 @@ def study(
 
 @commands.command(rich_help_panel=STAGES)
 def conclude(task: TaskName) -> None:
-    """Compute what people wanted, whether to trust it and what they would do next, into answers.parquet and others.
+    """Compute what people wanted, whether to trust it, and what they would do next (answers.parquet and others).
 
     Example: `lessbench conclude table`, then `lessbench answer table`.
     """

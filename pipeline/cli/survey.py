@@ -15,7 +15,8 @@ commands = Commands()
 @commands.command(rich_help_panel=ASK)
 def survey(
     study: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML file of the study; else that of section 3 of the paper.")
+        Path | None,
+        typer.Option(metavar="FILE", help="YAML file of the study. Default: that of section 3 of the paper."),
     ] = None,
     choices: Annotated[
         Path, typer.Option(metavar="FILE", help="CSV file that grows by a line for each choice.")
@@ -25,7 +26,8 @@ def survey(
     ] = "en",
     port: Annotated[int, typer.Option(help="0 for any that is free.")] = 8080,
     bind: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Another address of this machine lets other machines reach it.")
+        str,
+        typer.Option(metavar="ADDRESS", help="Address to serve on; one of the network lets other machines reach it."),
     ] = "127.0.0.1",
 ) -> None:
     """Serve a browser study that collects choices, until Ctrl-C.

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.arrays import FloatArray
 from pipeline.commands.new_task import Wishes, chosen_arm, require_new
+from pipeline.commands.task_checks import shared_ends
 from pipeline.errors import ParameterError
 from pipeline.formats.files.atomic import written_whole
 from pipeline.replay.furnished_scene import TABLE_TOP, Place, furnished, with_keyframes
@@ -64,7 +66,7 @@ def built_scene(project: Project, wishes: Wishes, wanted: Surroundings) -> Itera
             wishes,
             [
                 f"Scene: {project.named(file)}, {wanted.arm.name}{' with ' if around else ''}{', '.join(around)}; edit "
-                "it as you like.",
+                f"it as you like; later changes of {wanted.arm.name} do not reach it.",
                 "Its keyframes start and goal are the medians of where the recordings start and end."
                 if ends
                 else "It has no keyframes, as the recordings start or end in different places.",
@@ -76,25 +78,13 @@ def built_scene(project: Project, wishes: Wishes, wanted: Surroundings) -> Itera
         raise
 
 
-def _shared_ends(
-    project: Project, wishes: Wishes, scene: Scene, names: Mapping[str, str]
-) -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
-    """Start and goal that all recordings have, as nearly as ingest asks for; none if they have not."""
+def _shared_ends(project: Project, wishes: Wishes, scene: Scene, names: Mapping[str, str]) -> dict[str, FloatArray]:
+    """Keyframes for where all recordings start and end, if these are the same places."""
     settings = project.params.ingest
     rows = collect(
         wishes.recordings, Intake(wishes.name, scene, settings, False, joint_names=names, reading=wishes.said)
     ).rows
-    if not rows:
-        return {}
-    ends = np.stack([row["waypoints"][[0, -1]] for row in rows])  # (n, 2, J)
-    turns = 2 * np.pi * np.rint(ends[:, :1] / (2 * np.pi))
-    ends = ends - np.where(scene.continuous, turns, 0.0)  # a joint without limits may have been recorded in any turn
-    middle = np.median(ends, axis=0)
-    apart = np.abs(ends - middle).max(axis=(0, 1))
-    if (apart > np.where(scene.slides, settings.far_m, settings.far_rad)).any():
-        return {}
-    fitted = scene.limits.clamped(middle)
-    return {"start": fitted[0], "goal": fitted[1]}
+    return shared_ends(scene, np.stack([row["waypoints"] for row in rows]), settings) if rows else {}
 
 
 def _write(file: Path, text: str) -> None:

@@ -23,6 +23,7 @@ from pipeline.workspace.plausibility import require_one
 from pipeline.workspace.project import Project
 
 LONGEST_LINE = 4000  # characters
+BAG_INDEX = "serialized_metadata"  # all of a bag's metadata.yaml, which rosbag2 writes into MCAP, too
 LISTED = 200  # topics and metadata records
 PLAIN = Ingest(waypoints=41, idle_rad=0.01, on_rejected="stop")  # where there is no project
 Row = dict[str, Any]
@@ -221,6 +222,14 @@ def _recording(found: JointRecording | None) -> list[str]:
     return [
         f"  {found.clock} times, {rate_hz(time_s):.4g} Hz, {found.dropped} samples dropped, longest gap "
         f"{longest_gap(time_s).size:.3g} s, greatest speed {fastest.size:.3g} ({found.names[fastest.joint]})",
+        *(
+            [
+                "  remark: too fast for rad or m; of a table in degrees or millimetres, new-task is told so by "
+                "--reading unit=deg or mm"
+            ]
+            if fastest.size > PLAIN.fastest_rad_s
+            else []
+        ),
         *(f"  remark: {remark}" for remark in found.remarks),
     ]
 
@@ -236,5 +245,6 @@ def _contents(found: RecordingReport) -> list[str]:
     if len(found.topics) > LISTED:
         lines.append(f"  and {len(found.topics) - LISTED:,} more topics")
     for name, record in list(found.metadata.items())[:LISTED]:
-        lines.append(f"  {name}: " + ", ".join(f"{key} = {value}" for key, value in record.items()))
+        told = [f"{key} = {value}" for key, value in record.items() if key != BAG_INDEX]
+        lines += [f"  {name}: {', '.join(told)}"] if told else []
     return lines

@@ -40,7 +40,19 @@ _GIT_RUNS = re.compile(
     r"program|askpass|uploadpack|receivepack)\s*=\s*(?!true\s*$|false\s*$)(.+)$"
 )
 _REMOTE = re.compile(r"(?im)^\s*url\s*=\s*(.+)$")
-_NAME_FILES = {"scene", "arm", "recordings", "given", "choices", "deps", "outs", "path", "wdir", "feature_files"}
+_NAME_FILES = {
+    "scene",
+    "arm",
+    "recordings",
+    "given",
+    "choices",
+    "deps",
+    "outs",
+    "path",
+    "wdir",
+    "feature_files",
+    "scene_files",
+}
 _FILE_ATTRIBUTES = ("file", "meshdir", "texturedir", "assetdir", "hfile", "filename")
 
 

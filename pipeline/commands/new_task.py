@@ -10,13 +10,16 @@ from typing import Any
 from pydantic import ValidationError
 
 from pipeline import params
-from pipeline.commands.task_checks import Choice, chosen_anchor
+from pipeline.commands.proposed_features import Terms, proposed_features
+from pipeline.commands.task_checks import chosen_anchor
 from pipeline.commands.task_files import DvcFile
 from pipeline.errors import ParameterError, few_of, one_of
 from pipeline.formats.files.atomic import written_whole
 from pipeline.replay.arm_proposal import UnknownArm, hand_of_scene, joints_elsewhere
-from pipeline.replay.scene import Scene, load_scene, scene_files
+from pipeline.replay.scene import Scene, load_scene
+from pipeline.stages.dvc_yaml import FILE as DVC_YAML
 from pipeline.stages.registry import stage
+from pipeline.stages.scene import unwatched_files
 from pipeline.vocabulary import RESERVED_FOLDERS
 from pipeline.workspace.demonstrations import column_map
 from pipeline.workspace.joint_names import matched_names, renamed
@@ -27,6 +30,7 @@ from pipeline.yaml_text import plain_yaml
 
 COMMENTS = {
     "scene": "MJCF or URDF",
+    "scene_files": "what it depends on, so that DVC notices a change",
     "end_effector": "body or site whose path matters",
     "joints": "the arm's; everything else stays where it is",
     "joint_names": "name in the recordings: name in the scene",
@@ -98,15 +102,18 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
         lines: what was chosen, what is odd, what to do next.
 
     Raises:
-        ParameterError: the name is taken or not a name, the folder holds no recordings, or these and the scene share
-            no joint.
+        ParameterError: the name is taken or not a name, the folder holds no recordings that can be used, or these and
+            the scene share no joint.
         SceneError: see `pipeline.replay.load_scene`.
     """
     require_new(project, wishes.name)
     scene, names, said = chosen_arm(wishes)
     surface = scene.box_sites()[0] if len(scene.box_sites()) == 1 else None
     choice = chosen_anchor(project, wishes.name, scene, surface, wishes.recordings, names, wishes.said)
-    entry = _skeleton(project, wishes, scene, surface, names, choice)
+    terms, features = proposed_features(scene, wishes.objects, choice.demonstrations)
+    entry = _skeleton(project, wishes, scene, surface, names, choice.anchor, terms)
+    parts = unwatched_files(project, scene.path)
+    entry = {"scene": entry["scene"], **({"scene_files": parts} if parts else {}), **entry}
     dvc = DvcFile(project)
     _write(project, wishes, entry)
     remedy = dvc.follow()
@@ -118,10 +125,10 @@ def add_task(project: Project, wishes: Wishes) -> list[str]:
         *_of_other_hands(scene),
         _of_surface(scene, surface),
         *choice.lines,
+        *features,
         *(f"Of the scene: {remark}." for remark in scene.remarks),
-        *_of_files(project, scene),
-        f"Say in {wishes.file} which features matter, then run: dvc repro infer@{wishes.name} for the posterior, or "
-        f"dvc repro inspect@{wishes.name} to look at it, too",
+        *_of_files(parts),
+        f"Say in {wishes.file} which features matter, then run: {_next_command(project, wishes.name)}",
         *([] if remedy is None else [remedy]),
     ]
 
@@ -202,7 +209,7 @@ def _said_of_joints(
     out += [f"{few_of(free)} (moves freely, not by joints)"] if free else []
     odd = [name for name in recorded.some if name in scene.joints or name in names]
     return [
-        f"Joints of the arm: {', '.join(scene.joints)}, which all {recorded.recordings} recordings have.",
+        f"Joints of the arm: {', '.join(scene.joints)}, which {_all(recorded.recordings)}.",
         *([f"Left out, and kept at home: {'; '.join(out)}. Name others with --joint."] if out else []),
         *(
             [f"The recordings call them otherwise: {few_of([f'{one}: {ours}' for one, ours in names.items()])}."]
@@ -213,17 +220,14 @@ def _said_of_joints(
     ]
 
 
-def _of_files(project: Project, scene: Scene) -> list[str]:
-    """Files that the scene depends on and that no stage waits for."""
-    watched = [project.root / folder for folder in stage("scene").inputs]
-    others = [file for file in scene_files(scene.path) if file.name != scene.path.name]
-    unseen = [file.name for file in others if not any(file.is_relative_to(folder) for folder in watched)]
+def _of_files(parts: list[str]) -> list[str]:
+    """What is said of the files that the scene depends on."""
     return (
         [
-            f"A change of {few_of(unseen)}, which the scene depends on, makes nothing stale; files in "
-            f"{' or '.join(stage('scene').inputs)} are watched."
+            f"Files of the scene, of which DVC notices a change: {few_of(parts)} (scene_files), and what lies in "
+            f"{' or '.join(stage('scene').inputs)}."
         ]
-        if unseen
+        if parts
         else []
     )
 
@@ -252,10 +256,14 @@ def _of_surface(scene: Scene, surface: str | None) -> str:
 
 
 def _skeleton(
-    project: Project, wishes: Wishes, scene: Scene, surface: str | None, names: Mapping[str, str], choice: Choice
+    project: Project,
+    wishes: Wishes,
+    scene: Scene,
+    surface: str | None,
+    names: Mapping[str, str],
+    anchor: str,
+    terms: Terms,
 ) -> dict[str, Any]:
-    near = {name: {"kind": "proximity", "object": name, "radius_m": 0.4} for name in wishes.objects}
-    terms = {"efficiency": {"kind": "efficiency"}, "height": {"kind": "height"}} | near
     return {
         "scene": project.named(wishes.scene),
         "end_effector": scene.end_effector,
@@ -265,8 +273,18 @@ def _skeleton(
         "collisions": False,
         "recordings": project.named(wishes.recordings),
         "reading": dict(wishes.reading) or None,
-        "anchor": choice.anchor,
+        "anchor": anchor,
         "features": terms,
         "preferences": terms,
         "thetas": "grid",
     }
+
+
+def _all(recordings: int) -> str:
+    return "the recording has" if recordings == 1 else f"all {recordings} recordings have"
+
+
+def _next_command(project: Project, name: str) -> str:
+    if (project.root / DVC_YAML).is_file():
+        return f"dvc repro infer@{name} for the posterior, or dvc repro inspect@{name} to look at it, too"
+    return f"lessbench run {name}"

@@ -17,6 +17,7 @@ class DvcFile:
     def __init__(self, project: Project) -> None:
         self._before, self._own = project, dict(project.own_tasks)
         self._states_all = dvc_yaml.states_all(project.params)
+        self._files = _files(project)
         self._parts = dvc_yaml.of_all_tasks(project.params, self._own)
 
     def follow(self) -> str | None:
@@ -30,7 +31,8 @@ class DvcFile:
             return None
         after = Project(self._before.root)
         text = file.read_text(encoding="utf-8")
-        if self._own or after.own_tasks or dvc_yaml.states_all(after.params) != self._states_all:  # all stages change
+        others = dvc_yaml.states_all(after.params) != self._states_all or _files(after) != self._files
+        if self._own or after.own_tasks or others:  # all stages change
             changed = text == dvc_yaml.dvc_yaml(self._before.params, self._own)
             text = dvc_yaml.dvc_yaml(after.params, after.own_tasks)
         else:
@@ -46,3 +48,9 @@ class DvcFile:
         with written_whole(file) as stream:
             stream.write(text.encode())
         return None
+
+
+def _files(project: Project) -> set[str]:
+    """Files that the stages of every task wait for, as tasks name them."""
+    tasks = project.params.tasks.values()
+    return {file for task in tasks for file in (*task.feature_files, *task.scene_files)}

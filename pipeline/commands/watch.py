@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import polars as pl
 
+from pipeline.answers.tables import answer_markdown
 from pipeline.arrays import FloatArray
 from pipeline.choice import Posterior, entropy, log_likelihood, posterior_from
 from pipeline.choice.models import choice_model
@@ -26,7 +27,7 @@ from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.mcap.folder_watcher import Arrivals, News
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.partitions import gathered
-from pipeline.formats.parquet.tables import table_writer, write_table
+from pipeline.formats.parquet.tables import read_table, table_writer, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.formats.recordings.folders import Bag
 from pipeline.params import Task
@@ -90,6 +91,7 @@ class Setting:
         feature_set: what evaluates the features.
         thetas, betas: the hypotheses.
         space: the explored choice space.
+        answer: what `lessbench answer` says of the task's own demonstrations, in Markdown; empty if there is none yet.
         sources: the tables, which are closed.
     """
 
@@ -108,6 +110,7 @@ class Setting:
     thetas: FloatArray
     betas: FloatArray
     space: ExploredSpace
+    answer: tuple[str, ...]
     sources: tuple[OpenTable, ...]
 
 
@@ -215,6 +218,7 @@ def run(project: Project, folder: Path | None, name: str | None, until: Until, l
             return
         record.produced = ", ".join(_counts(belief, rejected, arrivals))
         say(f"{record.produced}; kept in {project.shown(target)}")
+        say(f"these are beliefs, and no verdict; `lessbench answer {name}` has that of the task's own demonstrations")
 
 
 class _NothingToKeep(Exception):
@@ -292,8 +296,14 @@ def read_setting(project: Project, name: str) -> Setting:
         thetas=thetas,
         betas=betas,
         space=ExploredSpace.of(project.table(name, "explored"), thetas, betas),
+        answer=_answer(project, name),
         sources=sources,
     )
+
+
+def _answer(project: Project, name: str) -> tuple[str, ...]:
+    path = project.table(name, "answers")
+    return tuple(answer_markdown(read_table(path, "answers"))) if path.exists() else ()
 
 
 def _some(project: Project, alternatives: pl.DataFrame) -> pl.DataFrame:
@@ -387,7 +397,7 @@ def _lines(belief: Belief) -> list[str]:
         best, left = posterior.map_index, np.exp(entropy(posterior.marginal_theta))
         found.append(
             f"{model_name(model)} {labels[best]} (P {posterior.marginal_theta[best]:.3f}, {left:.1f} of "
-            f"{len(thetas)} thetas left)"
+            f"{len(thetas)} thetas still plausible)"
         )
     return found
 
@@ -404,6 +414,12 @@ def _marginals(belief: Belief) -> tuple[dict[str, FloatArray], str]:
         *(f"- {line}" for line in _lines(belief)),
         "",
         f"Taken in: {', '.join(sorted(belief.rows)) or 'none yet'}.",
+        "",
+        "These are beliefs, and no verdict: checks take `dvc repro`. Of the task's own demonstrations it says:"
+        if belief.setting.answer
+        else "These are beliefs, and no verdict: run `dvc repro`, then `lessbench answer` says whether to trust them.",
+        "",
+        *belief.setting.answer,
     ]
     return posteriors, "\n".join(lines)
 

@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from pipeline.errors import ParameterError, nearest, one_of
+from pipeline.plug_ins import MODELS, SAMPLERS, installed_names
 from pipeline.vocabulary import (
     CLOCKS,
     DEFORMATION,
@@ -47,23 +48,27 @@ Cell = Annotated[int, Field(strict=True, ge=0, le=10)]
 Finite = Annotated[float, Field(strict=True, ge=-1e9, le=1e9, allow_inf_nan=False)]
 
 
-def _word_of(words: Iterable[str]) -> BeforeValidator:
-    """A check like that of `Literal`, with the same message, for words that are listed in the vocabulary."""
+def _word_of(words: Iterable[str], group: str | None = None) -> BeforeValidator:
+    """A check like that of `Literal`, with the same message, for words that are listed in the vocabulary.
+
+    Installed packages add to them what they have in the `group` of `pipeline.plug_ins`.
+    """
     allowed = tuple(words)
-    listed = f"{', '.join(repr(word) for word in allowed[:-1])} or {allowed[-1]!r}"
 
     def check(value: object) -> object:
-        if value not in allowed:
+        if value not in allowed and not (group and value in installed_names(group)):
+            every = (*allowed, *(installed_names(group) if group else ()))
+            listed = f"{', '.join(repr(word) for word in every[:-1])} or {every[-1]!r}"
             raise PydanticCustomError("literal_error", f"Input should be {listed}")
         return value
 
-    return BeforeValidator(check)
+    return BeforeValidator(check, json_schema_input_type=Literal[allowed])  # for docs/parameters.md
 
 
 AnchorWord = Annotated[str, _word_of((TASK_ANCHOR, DEMONSTRATION_ANCHOR))]
 ClockWord = Annotated[Clock, _word_of(CLOCKS)]
-ModelWord = Annotated[str, _word_of(INFERRED_MODELS)]
-SamplerWord = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE, GIVEN))]
+ModelWord = Annotated[str, _word_of(INFERRED_MODELS, MODELS)]
+SamplerWord = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE, GIVEN), SAMPLERS)]
 SamplerKind = Annotated[str, _word_of((DEFORMATION, VIA_POINT, PLANNER, MIXTURE))]
 
 
@@ -74,6 +79,7 @@ def _frozen(mapping: dict[str, Any]) -> Mapping[str, Any]:
 Spec = Annotated[dict[str, str | float | int | bool], AfterValidator(_frozen)]
 Specs = Annotated[dict[Name, Spec], Field(min_length=1), AfterValidator(_frozen)]
 FeaturePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_./-]+\.py$")]  # as it stands in dvc.yaml
+ScenePart = Annotated[str, Field(pattern=r"^[^$\x00-\x1f]+$", max_length=4096)]  # likewise, quoted
 ThetaValues = Annotated[
     dict[Name, Annotated[tuple[Finite, ...], Field(min_length=1)]], Field(min_length=1), AfterValidator(_frozen)
 ]
@@ -181,12 +187,14 @@ class Task(_Section):
     `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `joints` are
     those of the arm, or a body whose subtree has them; None: those that carry the end effector. `joint_names` gives the
     joints of the recordings the names that the scene has for them; `reading` says of tables and datasets what they do
-    not say themselves. `feature_files` define further kinds of features.
+    not say themselves. `feature_files` define further kinds of features; `scene_files` are files and folders that the
+    scene depends on, of which DVC would not know.
     `thetas` are `grid`, or the values of theta for some features in a grid (negative: a cost, positive: a wish), or
     weight vectors.
     """
 
     scene: str
+    scene_files: tuple[ScenePart, ...] = ()
     end_effector: str
     joints: JointNames | None = None
     joint_names: Renamed = Field(default_factory=dict, validate_default=True)
@@ -316,6 +324,15 @@ class Sample(_Section):
     deformation: Deformation
     via_point: Annotated[ViaPoint, Field(alias=VIA_POINT)]
     planner: Planner
+    settings: Spec = Field(default_factory=dict, validate_default=True)
+
+    @model_validator(mode="after")
+    def _settings_for_an_installed_sampler(self) -> Sample:
+        if self.settings and self.sampler not in installed_names(SAMPLERS):
+            raise ValueError(
+                f"settings is for samplers of installed packages, and {self.sampler} has a section of its own"
+            )
+        return self
 
     @model_validator(mode="after")
     def _given_if_asked_for(self) -> Sample:
@@ -458,6 +475,20 @@ class Redraws(_Section):
     samplers: Annotated[dict[Name, ShiftedSampler], Field(min_length=1), AfterValidator(_frozen)]
 
 
+class Regimes(_Section):
+    """Ways to come by alternatives, side by side, see docs/choice_space.md.
+
+    Attributes:
+        optima: planned paths for every theta that a set gets.
+        choices: of each simulated person.
+        repetitions: simulated people for each theta and beta, judged by each set.
+    """
+
+    optima: Annotated[int, Field(strict=True, ge=1, le=100)] = 3
+    choices: Annotated[int, Field(strict=True, ge=1, le=1000)] = 12
+    repetitions: Annotated[int, Field(strict=True, ge=1, le=1000)] = 3
+
+
 class Robustness(_Section):
     """The study of how far a posterior depends on the alternatives that were sampled."""
 
@@ -465,6 +496,7 @@ class Robustness(_Section):
     duplicates: Duplicates
     bandwidth_factors: Annotated[tuple[Positive, ...], Field(min_length=1)]
     redraws: Redraws | None = None
+    regimes: Regimes = Field(default_factory=Regimes)
 
     @model_validator(mode="after")
     def _names_and_numbers(self) -> Robustness:

@@ -14,7 +14,8 @@ import pipeline.replay.kinds.of_motion
 import pipeline.replay.kinds.summed  # noqa: F401  # they register what they define
 from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError, ParameterError, SceneError, StageError, WorkbenchError, one_of
-from pipeline.replay.kinds.own import installed_kind, installed_names
+from pipeline.plug_ins import FEATURES, installed_names
+from pipeline.replay.kinds.own import installed_kind
 from pipeline.replay.kinds.register import KINDS, Kind, feature
 from pipeline.replay.replay import Motion, replay
 from pipeline.replay.scene import Scene
@@ -125,7 +126,7 @@ def _bind(path: str, spec: Mapping[str, object]) -> tuple[Kind, Callable[[Motion
     name = str(arguments.pop("kind", None))
     kind = KINDS.get(name) or installed_kind(name)
     if kind is None:
-        allowed_kinds = one_of({*KINDS, *installed_names()})
+        allowed_kinds = one_of({*KINDS, *installed_names(FEATURES)})
         raise ParameterError(f"{path}.kind is {spec.get('kind')!r}; allowed are {allowed_kinds}.")
     allowed = {
         parameter.name: parameter

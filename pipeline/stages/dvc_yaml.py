@@ -1,13 +1,14 @@
 """dvc.yaml, written from the registry of stages and from what their modules import.
 
 `python -m pipeline.stages.dvc_yaml` writes the file of the project that it is run in. Run it after a change of the
-registry, of a stage's imports or of the tasks in params.yaml, and when `sample.given` or
-`feature_files` name a file or no longer do.
+registry, of a stage's imports or of the tasks in params.yaml, and when `sample.given`, `feature_files` or
+`scene_files` name a file or no longer do.
 """
 
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -38,6 +39,7 @@ NEUTRAL = {
     "pipeline/params/reading.py",
     "pipeline/params/sections.py",
     "pipeline/params/sizes.py",
+    "pipeline/plug_ins.py",
     "pipeline/stages/registry.py",
     "pipeline/terminal.py",
     "pipeline/workspace/outputs.py",
@@ -47,13 +49,14 @@ NEUTRAL = {
     "pipeline/workspace/project.py",
     "pipeline/workspace/trust.py",
 }
-MOST = 0.34  # share of the files in a folder, from which on a stage waits for the whole folder
+MOST = 0.3  # share of the files in a folder, from which on a stage waits for the whole folder
 MANY = 4  # tables of a stage, from which on it waits for the folder of all schemas
 KEPT = "*kept"  # an output that a failing stage leaves as it was
 HEAD = """\
 # Written by `python -m pipeline.stages.dvc_yaml` from pipeline/stages/registry.py: change that, then run this.
 # A stage re-runs when something that it lists has changed. One that fails leaves its outputs as they were.
 """
+_PLAIN = re.compile(r"[\w./-]+")  # what YAML takes as it stands
 NO_FILES: Mapping[str, str] = MappingProxyType({})
 
 
@@ -88,7 +91,7 @@ def code_of(module: str) -> list[str]:
     """The files of code that can change what a module does, a folder standing for all that is in it.
 
     They are the module and what it imports, anywhere in it, and so on; without `NEUTRAL`, and without the files
-    `__init__.py`, which compute nothing. A folder of which they are a third or more stands for it.
+    `__init__.py`, which compute nothing. A folder of which they are three tenths or more stands for it.
     """
     found: set[str] = set()
     waiting = {f"{module.replace('.', '/')}.py"}
@@ -131,7 +134,7 @@ def _stage(stage: Stage, params: Params, own: Mapping[str, str]) -> str:
                 "deps",
                 [
                     *_named(stage, params),
-                    *_feature_files(stage, params),
+                    *_files_of_tasks(stage, params),
                     *inputs,
                     *tables,
                     *schemas,
@@ -183,17 +186,20 @@ def _named(stage: Stage, params: Params) -> list[str]:
     return [f"${{{path}}}" for path in (*own, *others)]
 
 
-def _feature_files(stage: Stage, params: Params) -> list[str]:
+def _files_of_tasks(stage: Stage, params: Params) -> list[str]:
     """Those of every task, since a stage is written once for all tasks; a task without any names none to DVC."""
-    files = [file for task in params.tasks.values() for file in task.feature_files]
-    return list(dict.fromkeys(files)) if stage.features else []
+    tasks = params.tasks.values()
+    files = [file for task in tasks if stage.features for file in task.feature_files]
+    if "tasks.{task}.scene" in stage.named:
+        files += [file for task in tasks for file in task.scene_files]
+    return list(dict.fromkeys(files))
 
 
 def _listed(indent: str, name: str, items: Sequence[str], setting: str = "") -> str:
     """A YAML list in lines of `WIDTH`."""
     lines = [f"{indent}{name}: ["]
     for item in items:
-        text = f"'{item}'" if "$" in item and not item.startswith("{") else item
+        text = item if item.startswith("{") or _PLAIN.fullmatch(item) else "'" + item.replace("'", "''") + "'"
         text = f"{text}: {setting}, " if setting else f"{text}, "
         if len(lines[-1]) + len(text) > WIDTH + 1:  # but for the last space
             lines.append(f"{indent}  ")

@@ -81,15 +81,15 @@ def run(project: Project, name: str) -> None:
         own_kinds = register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         tables.check()
-        given = _read(project, name, scene, tables)
+        given = read_inputs(project, name, scene, tables)
         stated = provenance(
             project, parameters("explore", name), [*tables.values(), *scene_files(scene.path), *own_kinds],
             model=model_hash(scene),
         )  # fmt: skip
-        plan, found, reason = None, None, _left_out(task, settings)
+        plan, found, reason = None, None, left_out(task, settings)
         if reason is None:
             try:
-                plan = _plan(project, task, given, tables)
+                plan = plan_of(project, task, given, _seeds(tables, settings.explorations))
                 declared = plan.declared
                 say(
                     f"explore {name}: effort up to {declared.effort_multiple:g} times the least, base measure "
@@ -114,7 +114,7 @@ def run(project: Project, name: str) -> None:
         record.notes += [note for model, one in found.models.items() if (note := _not_converged(model, one))]
 
 
-def _left_out(task: Task, settings: Explore) -> str | None:
+def left_out(task: Task, settings: Explore) -> str | None:
     """Why a task is not explored."""
     if not settings.explorations:
         return "explore.explorations is 0"
@@ -133,7 +133,12 @@ def _left_out(task: Task, settings: Explore) -> str | None:
     return None
 
 
-def _read(project: Project, name: str, scene: Scene, tables: TaskTables) -> Inputs:
+def read_inputs(project: Project, name: str, scene: Scene, tables: TaskTables) -> Inputs:
+    """What a choice space is declared from and what is asked about it.
+
+    Raises:
+        StageError: tables and parameters name different features.
+    """
     task, infer = project.params.task(name), project.params.infer
     people, scales = tables["demonstrations"].read(), tables["scales"].read()
     names = scales["feature"].to_list()
@@ -155,7 +160,18 @@ def _read(project: Project, name: str, scene: Scene, tables: TaskTables) -> Inpu
     )  # fmt: skip
 
 
-def _plan(project: Project, task: Task, given: Inputs, tables: TaskTables) -> Plan:
+def plan_of(project: Project, task: Task, given: Inputs, seeds: Sequence[FloatArray]) -> Plan:
+    """How the choice space of a task is explored.
+
+    Args:
+        project: with the parameters.
+        task: whose space.
+        given: see `read_inputs`.
+        seeds: for each exploration (N, T, J) waypoints to begin with.
+
+    Raises:
+        ArgumentError, StageError: the space is not possible, or cannot be searched.
+    """
     settings, (ends,) = project.params.explore, given.ends
     declared = Declared(
         ends, given.features, given.scales, project.params.ingest.waypoints,
@@ -166,7 +182,7 @@ def _plan(project: Project, task: Task, given: Inputs, tables: TaskTables) -> Pl
     cell = settings.cell or _cell(len(given.scales), [most / scale for scale in given.efficiency])
     plan = Plan(
         declared, given.asked, given.phi, [group[2] for group in given.groups],
-        _seeds(tables, settings.explorations), cell, settings.evaluations, settings.most_evaluations,
+        seeds, cell, settings.evaluations, settings.most_evaluations,
         settings.tolerance, project.params.seed,
     )  # fmt: skip
     return plan if settings.cell else with_fine_cells(plan)

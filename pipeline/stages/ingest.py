@@ -175,6 +175,21 @@ class Found:
             ]
         )
 
+    def people(self) -> str:
+        """A sentence on how many people there are, and what says whose a recording is."""
+        people = list(dict.fromkeys(one_spelling([row["participant"] for row in self.rows])))
+        ways = [
+            f"{by} ({count})" if len(self._named_by) > 1 else by for by, count in sorted(self._named_by.items()) if by
+        ]
+        alone = self._named_by[""]
+        if not ways:
+            return (
+                f"Participants: {len(people)}, one for each recording, as nothing says whose one is; metadata, a table "
+                f"{PARTICIPANTS} or --reading 'file_name={{participant}}_*' can."
+            )
+        by_itself = f"; {alone} that nothing names are participants of their own" if alone else ""
+        return f"Participants: {len(people)} ({few_of(people)}), by {', '.join(ways)}{by_itself}."
+
     def notes(self) -> list[str]:
         """What is odd about the recordings together, and about each."""
         clocks = sorted({row["clock"] for row in self.rows})

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from pipeline.answers.tables import answer_markdown
+from pipeline.answers.tables import NEXT, answer_markdown
 from pipeline.arrays import FloatArray, IntArray
 from pipeline.choice import entropy
 from pipeline.formats.parquet.checked.open_table import OpenTable
@@ -21,7 +21,7 @@ from pipeline.studies.support import chance_notes
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.headline import in_words
 from pipeline.views.rerun.recording import write_inspection
-from pipeline.views.rerun.records import AlternativeSet, FeatureSpace, Inspection, Replay
+from pipeline.views.rerun.records import AlternativeSet, FeatureSpace, Inspection, Predicted, Replay
 from pipeline.views.task_summary import replay_samples
 from pipeline.views.task_view import INPUTS, TaskView, read_waypoints, task_view
 from pipeline.vocabulary import ALL, BOLTZMANN, INDEPENDENT, LESS, SAMPLER_SHIFT, SINGLE, TASK_ANCHOR, WORKING
@@ -53,6 +53,7 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
     with TaskTables(project.tables(name, INPUTS)) as tables:
         view = task_view(tables, project.table(name, "explored_posteriors"))
         alternatives = _alternatives(project, name, scene, view, tables["alternatives"])
+        predicted = _predicted(project, name, scene, tables["alternatives"])
     tip = scene.end_effector
     paths = view.demonstrations["waypoints"].to_numpy()
     return Inspection(
@@ -68,6 +69,7 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
         theta_meaning=view.meaning,
         posteriors={model: np.stack([b.marginal_theta for b in steps]) for model, steps in view.beliefs.items()},
         robustness=_robustness(project, name),
+        predicted=predicted,
         summary=_summary(project, name, task, view),
     )
 
@@ -97,6 +99,25 @@ def _alternatives(
             )
         )
     return tuple(found)
+
+
+def _predicted(project: Project, name: str, scene: Scene, table: OpenTable) -> dict[str, Predicted]:
+    """What someone new would do under each model; nothing if nothing is predicted yet."""
+    paths = [project.table(name, one) for one in ("predicted_motion", "likely_paths")]
+    if not all(path.exists() for path in paths):
+        return {}
+    motion, likely = (
+        read_table(path, one).filter(kind=NEXT)
+        for path, one in zip(paths, ("predicted_motion", "likely_paths"), strict=True)
+    )
+    found = {}
+    for model in motion["model"].unique(maintain_order=True):
+        tube = motion.filter(model=model).sort("waypoint")
+        ids = likely.filter(model=model).sort("rank")["alternative_id"]
+        drawn = body_positions(scene, read_waypoints(table, ids), [scene.end_effector])[scene.end_effector]
+        low, median, high = (tube[column].to_numpy() for column in ("low", "median", "high"))
+        found[str(model)] = Predicted(low, median, high, drawn)
+    return found
 
 
 def _space(project: Project, name: str, view: TaskView) -> FeatureSpace | None:
@@ -174,7 +195,7 @@ def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
         f"{view.alternatives.height:,} alternatives ({project.params.sample.sampler}{_anchored(view)}), scene "
         f"`{Path(task.scene).name}`.",
         "",
-        "| model | most probable | P(theta) | beta | thetas left |",
+        "| model | most probable | P(theta) | beta | thetas still plausible |",
         "|---|---|---|---|---|",
     ]
     together = view.fits.filter(demonstration_id=ALL, participant=ALL)
@@ -193,7 +214,7 @@ def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
         *(f"**{sentence[0].upper()}{sentence[1:]}.**\n" for sentence in chance_notes(view.fits)),
         f"Weights in words are {view.meaning}.",
         "",
-        f"All demonstrations together, {view.over}; thetas left: the exponential of the posterior's entropy.",
+        f"All demonstrations together, {view.over}. Thetas still plausible: the exponential of the entropy.",
         "",
         f"Bandwidth of the working set: {view.bandwidth:.4f} in scaled features ({project.params.density.bandwidth}).",
         "",

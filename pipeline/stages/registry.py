@@ -206,7 +206,7 @@ STAGES = (
         ),
         reads=(
             "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
-            "fits", "explored_posteriors", "answers",
+            "fits", "explored_posteriors", "answers", "predicted_motion", "likely_paths",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/inspect.rrd",),
@@ -278,6 +278,18 @@ BY_COMMAND = (
         features=True,
     ),
     Stage(
+        "regimes", Scope.TASK, "study regimes", "pipeline.stages.regimes",
+        parameters=(
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.surface", "tasks.{task}.collisions",
+            "tasks.{task}.anchor", "tasks.{task}.features", "tasks.{task}.thetas", "ingest.waypoints",
+            "density.bandwidth", "infer.theta_values", "infer.betas", "explore", "robustness.regimes",
+        ),
+        reads=("demonstrations", "features", "scales", "shifted_alternatives", "shifted_features", "robustness"),
+        inputs=(SCENE,),
+        makes=("regimes", "regimes_summary", "regimes_calibration", "regimes_held_out"),
+        features=True,
+    ),
+    Stage(
         "section-5", Scope.PROJECT, "study section-5", "pipeline.stages.section_5",
         inputs=("datasets/{task}/tables",),
         outputs=("datasets/section_5.html", "datasets/studies/section_5_figures"),
@@ -306,6 +318,7 @@ UNDECLARED = {
     "tasks.{task}.scene": "the stage `scene` alone follows it; the others depend on scene.json, which changes with it",
     "tasks.{task}.joints": "likewise, as scene.json lists the joints",
     "tasks.{task}.joint_names": "likewise, as scene.json has the names",
+    "tasks.{task}.scene_files": "the stage `scene` depends on the files themselves; most tasks need not name any",
     "tasks.{task}.feature_files": "stages depend on the files themselves; older parameters do not name any",
 }
 

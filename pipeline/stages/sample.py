@@ -21,6 +21,7 @@ from pipeline.replay.planning import Planning, planned_paths
 from pipeline.replay.room import Room
 from pipeline.replay.scene import Scene, model_hash, scene_files
 from pipeline.stages.registry import parameters
+from pipeline.trajectories.installed_sampler import installed_sampler
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.trajectories.samplers import Deformation, Draw, Planner, Sampler, Tally, ViaPoint
 from pipeline.vocabulary import DEFORMATION, GIVEN, MIXTURE, PLANNER, TASK_ANCHOR, VIA_POINT, WORKING
@@ -168,6 +169,8 @@ def _sampler(part: str, job: Planned, room: Room) -> tuple[Sampler, list[str]]:
         return Deformation(settings.deformation.width_rad, settings.deformation.modes), []
     if part == VIA_POINT:
         return ViaPoint(settings.via_point.reach_rad), []
+    if part != PLANNER:
+        return installed_sampler(part, settings.settings), []
     planning = Planning.of(room, json.loads(job.preferences), job.waypoints)
     return planned_sampler(planning, settings, settings.planner.paths, job.seed, "planner", job.ends.key)
 

@@ -8,8 +8,8 @@ from pipeline.vocabulary import BOLTZMANN, LESS, LESS_HIDDEN, LESS_HIDDEN_OWN_BA
 
 ALPHA = 0.05
 _HIDDEN = {
-    LESS_HIDDEN: "LESS people also see mean x and mean y, bandwidth kept",
-    LESS_HIDDEN_OWN_BANDWIDTH: "LESS people also see mean x and mean y, bandwidth selected anew",
+    LESS_HIDDEN: "people who choose by LESS and also see mean x and mean y (robot's bandwidth)",
+    LESS_HIDDEN_OWN_BANDWIDTH: "people who choose by LESS and also see mean x and mean y (bandwidth of their own)",
 }
 
 
@@ -52,7 +52,7 @@ def _fit(test: dict[str, float]) -> str:
 def _grid_world(row: dict[str, object]) -> tuple[str, str, str, str]:
     expected, other = model_name(str(row["expected"])), model_name(str(row["other"]))
     sampling = str(row["sampling_model"])
-    people = _HIDDEN.get(sampling) or f"{model_name(sampling)} people"
+    people = _HIDDEN.get(sampling) or f"people who choose by {model_name(sampling)}"
     numbers = (
         f"TruePosterior {row['posterior_expected']:.2f} against {row['posterior_other']:.2f}, "
         f"{_p(row['posterior_p_value'])}; "

@@ -101,9 +101,7 @@ def task_view(tables: TaskTables, explored: Path) -> TaskView:
     ids = tuple(demonstrations["demonstration_id"])
     sampled = _beliefs(tables["posteriors"], ids)
     runs = {model: found for model, found in explored_runs(explored, ids).items() if model in sampled}
-    beliefs = sampled | {
-        model: [mean_posterior(steps) for steps in zip(*found, strict=True)] for model, found in runs.items()
-    }
+    beliefs = _with_explored(sampled, runs)
     final = list(beliefs.values())[-1][-1]
     order = _by_weight(final)
     space = _feature_space(tables, demonstrations["demonstration_id"])
@@ -198,6 +196,29 @@ def _beliefs(posteriors: OpenTable, demonstration_ids: tuple[str, ...]) -> dict[
         model: _sequence(rows.filter(model=model), demonstration_ids)
         for model in rows["model"].unique(maintain_order=True)
     }
+
+
+def _with_explored(
+    sampled: dict[str, list[Posterior]], runs: dict[str, list[list[Posterior]]]
+) -> dict[str, list[Posterior]]:
+    return sampled | {
+        model: [mean_posterior(steps) for steps in zip(*found, strict=True)] for model, found in runs.items()
+    }
+
+
+def shown_beliefs(
+    posteriors: OpenTable, explored: Path, demonstration_ids: tuple[str, ...]
+) -> dict[str, list[Posterior]]:
+    """For each model, the posterior that is shown, before any demonstration and after each.
+
+    Args:
+        posteriors: the table of that name.
+        explored: the table `explored_posteriors`, which need not be there.
+        demonstration_ids: in the order in which they are taken in.
+    """
+    sampled = _beliefs(posteriors, demonstration_ids)
+    runs = {model: found for model, found in explored_runs(explored, demonstration_ids).items() if model in sampled}
+    return _with_explored(sampled, runs)
 
 
 def explored_runs(path: Path, demonstration_ids: tuple[str, ...]) -> dict[str, list[list[Posterior]]]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pipeline.commands.new_task import Wishes, add_task
 from pipeline.workspace.project import Project
 from pipeline.workspace.scenes import load_task_scene
 from tests.support.gantry_project import GANTRY, record
@@ -54,6 +55,19 @@ def test_recordings_with_ends_of_their_own(project: Project) -> None:
     done = lessbench(project)
     assert "It has no keyframes, as the recordings start or end in different places." in done.stdout
     assert Project(project.root).params.task("pour").anchor == "demonstration"
+
+
+def test_a_scene_without_keyframes_can_have_those_of_the_recordings(project: Project) -> None:
+    """With --scene that is said, and doing so works."""
+    done = lessbench(project, "--arm", "arm.xml")
+    told = add_task(Project(project.root), Wishes("scoop", project.root / "arm.xml", project.root / "mine"))
+    (hint,) = [line for line in told if line.startswith("But all recordings start and end in the same places")]
+    assert "name the file with --arm in place of --scene" in hint
+    assert "Anchor: task, as 3 of 3" in done.stdout
+    assert "later changes of arm.xml do not reach it" in done.stdout
+    record(project.root / "mine" / "demo-1.mcap", goal=(-0.9, 0.9, 1.2))
+    told = add_task(Project(project.root), Wishes("stir", project.root / "arm.xml", project.root / "mine"))
+    assert not any(line.startswith("But all recordings") for line in told)
 
 
 @pytest.mark.parametrize(

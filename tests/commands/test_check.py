@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -169,3 +170,15 @@ def test_reading_is_given_on_the_command_line(
     assert (reading.joints, reading.rate_hz) == (NAMES, 50.0)
     answer = CliRunner().invoke(app, [*words[:-1], "joints"])
     assert (answer.exit_code, "write KEY=VALUE" in str(answer.exception)) == (1, True)
+
+
+def test_positions_in_degrees_are_remarked_without_a_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    time_s = np.linspace(0, 2, 101)
+    swing = 1.5 * (1 - np.cos(np.pi * time_s / 2))
+    for name, scale in (("rad", 1.0), ("deg", 180 / np.pi)):
+        rows = "".join(f"{t},{scale * q}\n" for t, q in zip(time_s, swing, strict=True))
+        (tmp_path / f"{name}.csv").write_text(f"time,swing\n{rows}")
+    said = CliRunner().invoke(app, ["check", "rad.csv", "deg.csv"]).output
+    assert said.count("remark: too fast for rad or m") == 1
+    assert said.index("deg.csv: usable") < said.index("too fast for rad or m")

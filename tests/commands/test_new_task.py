@@ -21,7 +21,7 @@ from pipeline.params import parse, value_at
 from pipeline.stages import ingest, scene
 from pipeline.stages.dvc_yaml import dvc_yaml
 from pipeline.stages.registry import STAGES, Scope, parameters
-from pipeline.workspace.project import Project
+from pipeline.workspace.project import Project, recorded_runs
 from tests.support.gantry_project import PARAMETERS, record
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -189,3 +189,85 @@ def test_wishes_that_cannot_be_met(project: Project, wishes: dict[str, Any], mes
 def contents(project: Project) -> dict[str, bytes]:
     files = [file for file in project.root.rglob("*") if file.is_file()]
     return {file.relative_to(project.root).as_posix(): file.read_bytes() for file in files}
+
+
+def test_features_that_are_the_same_for_all_motions_are_not_proposed(project: Project) -> None:
+    """An arm that stays in a plane is always as high, and never near to what stands far off."""
+    flat = (project.root / "gantry.xml").read_text().replace('type="hinge" axis="0 1 0"', 'type="hinge" axis="0 0 1"')
+    (project.root / "flat.xml").write_text(flat.replace('pos="0.4 0.3 0"', 'pos="9 9 0"'))
+    wishes = Wishes("pour", project.root / "flat.xml", project.root / "mine", objects=("vase",))
+    said = "\n".join(add_task(project, wishes))
+    assert "Left out of the features: height, vase, which are the same for all motions of this arm." in said
+    assert "Features: efficiency, path_length;" in said
+    task = Project(project.root).params.task("pour")
+    assert list(task.features) == list(task.preferences) == ["efficiency", "path_length"]
+    assert list(Project(project.root).params.task("sweep").features) == ["effort", "vase"]
+
+
+def test_features_that_differ_are_proposed(project: Project) -> None:
+    wishes = Wishes("pour", project.root / "gantry.xml", project.root / "mine", objects=("vase",))
+    said = "\n".join(add_task(project, wishes))
+    assert "Features: efficiency, height, vase; docs/features.md has more kinds." in said
+    assert "Left out of the features" not in said
+
+
+def test_whose_the_recordings_are_is_said(project: Project) -> None:
+    assert re.search(r"Participants: 3 \(.*\), by the recording's metadata record\.", added(project, "pour"))
+    for file in (project.root / "mine").iterdir():
+        good = read_joint_states(file)
+        write_joint_states(file, good.time_ns, good.names, good.positions, topic=good.topic, metadata={})
+    assert "Participants: 3, one for each recording, as nothing says whose one is;" in added(project, "scoop")
+    wishes = Wishes("tip", project.root / "gantry.xml", project.root / "mine", reading={"file_name": "{participant}-*"})
+    assert "Participants: 1 (demo), by the name of the file." in "\n".join(add_task(project, wishes))
+
+
+def test_recordings_of_which_none_can_be_used_make_no_task(project: Project) -> None:
+    for file in (project.root / "mine").iterdir():
+        good = read_joint_states(file)
+        write_joint_states(file, good.time_ns, good.names, 50 * good.positions, topic=good.topic, metadata={})
+    before = contents(project)
+    with pytest.raises(ParameterError, match=r"none of the 3 in it .*: demo-0.mcap \(.*--reading unit=deg"):
+        added(project, "pour")
+    assert contents(project) == before
+
+
+def test_dvc_waits_for_every_file_of_the_scene(project: Project, tmp_path: Path) -> None:
+    """Included files by name, folders that have nothing but meshes as a whole; what is shared by all tasks is known."""
+    arm = project.root / "arm"
+    (arm / "meshes").mkdir(parents=True)
+    (arm / "meshes" / "block.obj").write_text(OBJ)
+    (project.datasets / "robots").mkdir(parents=True, exist_ok=True)
+    (project.datasets / "robots" / "floor.xml").write_text(
+        "<mujocoinclude><geom type='plane' size='1 1 1'/></mujocoinclude>"
+    )
+    (arm / "its, parts.xml").write_text("<mujocoinclude><geom type='mesh' mesh='block'/></mujocoinclude>")
+    text = (project.root / "gantry.xml").read_text()
+    text = text.replace("<worldbody>", '<asset><mesh name="block" file="meshes/block.obj"/></asset><worldbody>')
+    text = text.replace('<body name="vase"', '<include file="../datasets/robots/floor.xml"/><body name="vase"')
+    text = text.replace('<body name="upper">', '<body name="upper"><include file="its, parts.xml"/>')
+    (arm / "mine.xml").write_text(text)
+    said = "\n".join(add_task(project, Wishes("pour", arm / "mine.xml", project.root / "mine")))
+    assert "of which DVC notices a change: arm/its, parts.xml, arm/meshes (scene_files)" in said
+    fresh = Project(project.root)
+    assert fresh.params.task("pour").scene_files == ("arm/its, parts.xml", "arm/meshes")
+    written = (project.root / "dvc.yaml").read_text()
+    assert written == dvc_yaml(fresh.params)
+    stages = YAML(typ="safe").load(written)["stages"]
+    assert {"arm/its, parts.xml", "arm/meshes"} <= set(stages["scene"]["do"]["deps"])
+    assert "arm/meshes" not in stages["ingest"]["do"]["deps"]  # they wait for scene.json alone
+    scene.run(fresh, "pour")
+    assert recorded_runs(fresh)[-1]["notes"] == []
+    remove_task(fresh, "pour")
+    assert "arm/meshes" not in (project.root / "dvc.yaml").read_text()
+
+
+def test_a_file_of_the_scene_that_no_stage_waits_for_is_said(project: Project) -> None:
+    (project.root / "part.xml").write_text(FLOOR)
+    file = project.root / "gantry.xml"
+    file.write_text(file.read_text().replace('<body name="vase"', '<include file="part.xml"/><body name="vase"'))
+    scene.run(project, "sweep")
+    assert "DVC does not notice a change of part.xml, which the scene depends on" in str(recorded_runs(project)[-1])
+
+
+FLOOR = "<mujocoinclude><geom type='plane' size='1 1 1'/></mujocoinclude>"
+OBJ = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"

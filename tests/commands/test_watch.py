@@ -96,10 +96,11 @@ def test_recordings_come_while_it_runs(project: Project, tmp_path: Path, capsys:
     assert order == ["demo-2.mcap:", "demo-1.mcap:", "demo-0.mcap:"]
     assert sum("broken.mcap: not used (not-mcap)" in line for line in lines) == 1
     assert sum("demo-1.mcap: waits, as it is not closed yet" in line for line in lines) == 1
-    assert "Boltzmann " in lines[-2]
-    assert "; LESS " in lines[-2]
-    assert lines[-1].startswith("3 demonstrations, 1 not used")
-    assert lines[-1].endswith("kept in datasets/sweep/watch")
+    assert "Boltzmann " in lines[-3]
+    assert "; LESS " in lines[-3]
+    assert lines[-2].startswith("3 demonstrations, 1 not used")
+    assert lines[-2].endswith("kept in datasets/sweep/watch")
+    assert lines[-1].startswith("these are beliefs, and no verdict; `lessbench answer sweep`")
 
     kept = project.datasets / "sweep" / "watch"
     assert sorted(path.name for path in kept.iterdir()) == [
@@ -179,7 +180,7 @@ def test_it_serves_while_it_watches_and_keeps_what_it_has_when_told_to_end(proje
         process.send_signal(signal.SIGINT)
         rest, complained = process.communicate(timeout=60)
     assert process.returncode == 0, complained
-    assert rest.splitlines()[-1] == "3 demonstrations; kept in datasets/sweep/watch"
+    assert rest.splitlines()[-2] == "3 demonstrations; kept in datasets/sweep/watch"
     assert "/summary" in entities(project.datasets / "sweep" / "watch" / "inspect.rrd")
 
 

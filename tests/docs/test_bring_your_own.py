@@ -73,7 +73,8 @@ def test_every_command_of_the_page_runs(project: Project, monkeypatch: pytest.Mo
         if words[:2] == ["new-task", "pour"]:
             assert entry((project.root / "params.yaml").read_text()) == entry(PAGE)
         if words[0] == "sql":
-            assert "pour" in answer.output
+            assert "2 rows" in answer.output
+            assert "less" in answer.output
     assert opened == [project.datasets / "pour" / "inspect.rrd"]
     assert list(Project(project.root).params.tasks) == ["sweep", "wipe"]
     assert not (project.datasets / "pour").exists()

@@ -19,6 +19,7 @@ GENERATED = {
     "python -m pipeline.stages.dvc_yaml": "dvc.yaml",
     "python docs/make_tables.py": "docs/tables.md",
     "python docs/make_architecture.py": "ARCHITECTURE.md",
+    "python docs/make_reference.py": "docs/command_line.md",
 }
 IN_PROJECT = (
     "dvc repro",
@@ -46,7 +47,7 @@ def by_ci() -> set[str]:
     _, _, recipe = (ROOT / "Makefile").read_text(encoding="utf-8").partition("\ntest: install-dev\n")
     made = {line.strip() for line in recipe.partition("\n\n")[0].splitlines()}
     assert "make test" in scripts
-    return made | {command for line in scripts for command in re.findall(r"make (?:test|repro|install-dev)", line)}
+    return made | {command for line in scripts for command in re.findall(r"make (?:test|repro|install-dev|docs)", line)}
 
 
 def test_every_command_is_run() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
+from pipeline import plug_ins
 from pipeline.cli import app
 from pipeline.formats.parquet.tables import read_table
 from pipeline.replay.kinds import own
@@ -42,7 +43,7 @@ def apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_all_blocks_are_done_here() -> None:
     assert [language for language, _ in BLOCKS] == ["yaml", "yaml", "yaml", "sh", "py", "yaml", "sh", "toml"]
     entry = tomllib.loads(blocks("toml")[0])["project"]["entry-points"]
-    assert list(entry) == [own.GROUP]
+    assert list(entry) == [plug_ins.FEATURES]
 
 
 def test_the_page_from_its_kinds_to_its_question(

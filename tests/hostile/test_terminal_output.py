@@ -86,6 +86,8 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("remove-task",): [[EVIL], ["nobody"]],
     ("run",): [[EVIL]],
     ("recover",): [[]],
+    ("compare",): [[".", "."], [".", EVIL], [EVIL, "."], [".", ".", "--task", EVIL], [".", ".", "--json"]],
+    ("init",): [[f"out/{FILE}"], [EVIL]],
     ("inspect-project",): [["."], [EVIL]],
     ("trust",): [["."], [EVIL]],
     ("survey",): [["--study", EVIL], ["--choices", f"{EVIL}/c.csv"], ["--words", EVIL], ["--bind", EVIL]],

@@ -22,12 +22,13 @@ from pipeline.workspace.project import Project
 Make = Callable[[dict[str, Any]], Project]
 CHAIN = (ingest, sample, featurize, density, infer, explore)
 MADE = stage("explore").makes
-FIVE = {
+SIX = {
     "effort": {"kind": "efficiency"},
     "vase": {"kind": "proximity", "object": "vase", "radius_m": 0.5},
     "length": {"kind": "path_length"},
     "lift": {"kind": "height"},
     "limits": {"kind": "limit_nearness"},
+    "speed": {"kind": "speed"},
 }
 
 
@@ -45,6 +46,19 @@ def project(make_project: Make, parameters: dict[str, Any]) -> Project:
     made = make_project(parameters)
     run_chain(made)
     return made
+
+
+def test_six_features_are_explored_until_explorations_agree(make_project: Make, parameters: dict[str, Any]) -> None:
+    parameters["tasks"]["sweep"]["features"] = SIX
+    parameters["explore"] |= {"evaluations": 20_000, "most_evaluations": 160_000, "tolerance": 0.1}
+    project = make_project(parameters)
+    run_chain(project)
+    space = table(project, "choice_space").row(0, named=True)
+    assert space["explored"]
+    settled = table(project, "convergence")
+    last = settled.filter(pl.col("round") == pl.col("round").max().over("model"))
+    assert last["converged"].all()
+    assert last.filter(model="less")["growth"].max() < 0.5  # the map is not all new cells, as one too fine would be
 
 
 def test_tables_of_one_run_fit_together(project: Project) -> None:
@@ -133,7 +147,7 @@ def test_what_is_shown_is_the_explored_answer(project: Project) -> None:
     [
         ({"anchor": "demonstration"}, {}, "each demonstration has its own ends"),
         ({"collisions": True}, {}, "contacts are too slow"),
-        ({"features": FIVE}, {}, "the task has 5 features"),
+        ({"features": {**SIX, "jerk": {"kind": "jerk"}}}, {}, "the task has 7 features"),
         ({}, {"explorations": 0}, "explore.explorations is 0"),
         ({}, {"width_rad": 50.0}, "make the width smaller or the bound larger"),
     ],

@@ -16,7 +16,7 @@ pty = pytest.importorskip("pty", reason="pseudo-terminals are a matter of Unix")
 def on_a_terminal(folder: Path, *words: str, env: dict[str, str] | None = None, typed: bytes = b"") -> str:
     """What a terminal is shown by Python with these words, run in a folder, while something is typed."""
     ours, theirs = pty.openpty()
-    environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"} | (env or {})
+    environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30", "PAGER": "cat"} | (env or {})
     process = subprocess.Popen(
         [sys.executable, *words], cwd=folder, env=environment, stdin=theirs, stdout=theirs, stderr=theirs
     )

@@ -17,7 +17,7 @@ from pipeline.errors import QueryError
 from pipeline.formats.duckdb.export import write_csv, write_json, write_parquet
 from pipeline.formats.duckdb.questions import CONTENTS, EXAMPLES, ask, asked
 from pipeline.formats.files.atomic import written_whole
-from pipeline.terminal import note, say, standard_output
+from pipeline.terminal import note, say, show_in_pager, standard_output
 
 if TYPE_CHECKING:
     import polars as pl
@@ -72,13 +72,15 @@ def answer_once(catalog: Path, question: str | None, wanted: Wanted) -> None:
     if not wanted.formulas and form is not Format.csv:
         raise QueryError("--no-formulas is for CSV; write CSV with `--format csv`, or `--output answer.csv`")
     with asked(catalog, question or CONTENTS) as answer:
-        if wanted.output is not None:
+        if form is Format.table and wanted.output is None and sys.stdout.isatty():
+            show_in_pager(_table(answer, wanted, on_terminal=True))
+        elif wanted.output is not None:
             with written_whole(wanted.output) as stream:
                 _write(answer, form, wanted, stream)
         else:
             with standard_output() as stream:
                 _write(answer, form, wanted, stream)
-    if question is not None and answer.taken == 0:
+    if question is not None and answer.taken <= 1:  # one row may be a count of nothing
         _say_which_tasks(catalog, question)
     if question is None and form is Format.table and wanted.output is None:
         for line in _examples():
@@ -103,7 +105,7 @@ def _write(answer: Answer, form: Format, wanted: Wanted, stream: IO[bytes]) -> N
     elif form is Format.parquet:
         write_parquet(answer, stream)
     else:
-        for text in _table(answer, wanted, on_terminal):
+        for text in _table(answer, wanted, on_terminal=False):
             stream.write(text.encode(sys.stdout.encoding or "utf-8", "backslashreplace"))
 
 
@@ -143,14 +145,16 @@ def _count(frames: Iterator[pl.DataFrame], count: int) -> tuple[int, bool]:
 
 def _say_which_tasks(catalog: Path, question: str) -> None:
     """Say so if a question that found nothing asks for a task that the catalog does not have."""
-    asked_for = re.findall(r"\btask\s*=\s*'([^']*)'", question, re.IGNORECASE)
+    compared = re.findall(r"\btask\s*(?:==?|in\s*\()\s*('[^']*'(?:\s*,\s*'[^']*')*)", question, re.IGNORECASE)
+    asked_for = [task for tasks in compared for task in re.findall("'([^']*)'", tasks)]
     if not asked_for:
         return
     with suppress(QueryError):  # a catalog without `files` is none that `lessbench catalog` made
         tasks = ask(catalog, "select distinct task from files where task is not null order by all")["task"].to_list()
         for task in asked_for:
             if task not in tasks:
-                note(f"the catalog has no task {task!r}; it has {', '.join(tasks) or 'none yet'}")
+                there = ", ".join(tasks) or "none yet"
+                note(f"the catalog has no task {task!r}; it has {there}; `lessbench catalog` makes it anew")
 
 
 def _examples() -> list[str]:

@@ -31,9 +31,12 @@ ANSWER_BYTES = 256 << 20  # of an answer that is held in memory
 CONTENTS = """select table_name as name, 'table' as kind, comment as "what it holds" from duckdb_tables()
     union all select view_name, 'view', comment from duckdb_views() where not internal order by kind desc, name"""
 EXAMPLES = {
-    "What did they want?": "from best_weights where participant = 'all' and set_id = 'working'",
+    "What did they want, and how sure is that?": "from weights_summary where participant = 'all'",
+    "What does `lessbench answer` say?": "from answers",
+    "What would they do next?": "from predictions where participant = 'all'",
+    "Which weights are the most probable?": "from best_weights where participant = 'all' and shown",
     "Which model predicts people better?": "from model_comparison",
-    "Does the answer hang on the sampled alternatives?": "from disagreement_between_sets where participant = 'all'",
+    "Does the answer depend on the sampled alternatives?": "from disagreement_between_sets where participant = 'all'",
     "Whose demonstration says something else?": "from people_against_group where set_id = 'working' and differs",
     "Where does a posterior come from?": "from lineage where set_id = 'working' and model = 'less'",
     "What do the columns mean?": "select column_name, data_type, comment from duckdb_columns() "

@@ -109,7 +109,7 @@ VIEWS: Mapping[str, View] = {
     ),
     "beta_at_edge": View(
         ("posteriors",),
-        "where the most probable beta of all demonstrations together is the first or last of the grid, so that the "
+        "where the most probable beta of all demonstrations together is the first or last of the grid: either the "
         "grid is too short, or people choose at random",
         """select task, model, set_size, set_id, shown, arg_max(beta, posterior) as beta,
                   case when arg_max(beta, posterior) = min(beta) then 'least' else 'greatest' end as edge
@@ -142,9 +142,9 @@ VIEWS: Mapping[str, View] = {
     ),
     "disagreement_between_sets": View(
         ("posteriors",),
-        "how much the answer hangs on which alternatives were sampled: best theta and posterior over theta, compared "
-        "between the sets of one size (the working set and the explored choice space left out); KLAggregate is in "
-        "robustness",
+        "how much the answer depends on which alternatives were drawn: best theta and posterior over theta, compared "
+        "between the sets of one size (without the working set and the explored choice space); KLAggregate is in "
+        "the table robustness",
         f"""with one as (select * from theta_marginals where set_id not in ('working', 'explored')),
                 pairs as (
                   select task, demonstration_id, participant, model, set_size, a.set_id as first, b.set_id as second,
@@ -193,7 +193,7 @@ VIEWS: Mapping[str, View] = {
     ),
     "people_against_group": View(
         ("posteriors",),
-        "what one demonstration says beside what all together say: whose says something else",
+        "what each demonstration says, beside what all together say",
         f"""select {", ".join("one." + name for name in _SHOWN_KEYS.split(", "))}, one.theta_id, one.theta,
                   pooled.theta_id as group_theta_id, pooled.theta as group_theta,
                   one.theta_id <> pooled.theta_id as differs,

@@ -11,14 +11,12 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.abc import SourceLoader
-from importlib.metadata import entry_points
 from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
 
 from pipeline.errors import ParameterError, WorkbenchError
+from pipeline.plug_ins import FEATURES, installed
 from pipeline.replay.kinds.register import KINDS, Kind
-
-GROUP = "lessbench.features"
 
 
 @dataclass(frozen=True)
@@ -50,25 +48,13 @@ def register_kinds(files: Iterable[FeatureFile]) -> None:
 
 
 def installed_kind(name: str) -> Kind | None:
-    """The kind that an installed package has under this name in the entry point group GROUP; None if none has.
+    """The kind that an installed package has under this name as an entry point; None if none has.
 
     Raises:
         ParameterError: its package cannot be imported.
     """
-    for entry in entry_points(group=GROUP, name=name):
-        try:
-            entry.load()
-        except Exception as error:
-            raise ParameterError(
-                f"the feature kind {name!r} is promised by {entry.value!r} of an installed package, which cannot be "
-                f"imported ({type(error).__name__}: {error}); mend or remove that package"
-            ) from error
+    installed(FEATURES, name)
     return KINDS.get(name)
-
-
-def installed_names() -> list[str]:
-    """The names that installed packages have in the entry point group; nothing is imported."""
-    return sorted({entry.name for entry in entry_points(group=GROUP)})
 
 
 class _Bytes(SourceLoader):

@@ -11,7 +11,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from pipeline.arrays import FloatArray
 from pipeline.errors import ArgumentError
@@ -19,7 +18,7 @@ from pipeline.trajectories.paths import require_positive
 
 Keys = NDArray[np.int64]
 
-GRID_FEATURES = 4  # with more, a grid has more cells than a search can fill
+GRID_FEATURES = 6  # with more, cells would be wider than what they are to tell apart
 
 
 class Cells(Protocol):
@@ -50,7 +49,7 @@ class Grid:
         """
         count = features.shape[1]
         if count > GRID_FEATURES:
-            raise ArgumentError(f"features has {count} columns; a grid takes up to {GRID_FEATURES}, so use Centroids.")
+            raise ArgumentError(f"features has {count} columns; a grid takes up to {GRID_FEATURES}; leave some out.")
         scaled = features / self.width
         cell = np.floor(scaled)
         digits = 62 // count
@@ -63,27 +62,6 @@ class Grid:
         for column in cell.astype(np.int64).T:
             key = (key << digits) + column + (1 << (digits - 1))
         return key, np.asarray(((scaled - cell - 0.5) ** 2).sum(axis=1) * self.width**2)
-
-
-class Centroids:
-    """The cells nearest to each of C given points, a centroidal Voronoi tessellation once they are well spread.
-
-    Source: Vassiliades, Chatzilygeroudis and Mouret, "Using centroidal Voronoi tessellations to scale up MAP-Elites",
-    IEEE Transactions on Evolutionary Computation 22 (2018).
-
-    Args:
-        points: (C, F), see `spread`.
-    """
-
-    def __init__(self, points: FloatArray) -> None:
-        self.points = np.array(points, dtype=np.float64)
-        self.points.setflags(write=False)
-        self._tree = cKDTree(self.points)
-
-    def locate(self, features: FloatArray) -> tuple[Keys, FloatArray]:
-        """See `Cells`."""
-        distance, index = self._tree.query(features)
-        return np.asarray(index, dtype=np.int64), np.asarray(distance**2, dtype=np.float64)
 
 
 def spread(features: FloatArray, count: int) -> FloatArray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 TASK_FIGURES: Mapping[str, str] = {
-    "posterior": "What all demonstrations together say: the posterior over the weights, beta summed out, under each "
-    "model, over the explored choice space where there is one.",
+    "posterior": "What all demonstrations together say: the posterior over the weights under each model, summed over "
+    "beta. It rests on the explored choice space where there is one.",
     "held_out": "How well each model predicts a demonstration from all others: log predictive probability, and how "
     "much better than Boltzmann. Dots are demonstrations, bars one standard error of the mean.",
     "density_map": "Density of the alternatives over the two features that weigh most, with the demonstrations.",
@@ -15,30 +15,30 @@ TASK_FIGURES: Mapping[str, str] = {
     "robustness": "How much posteriors differ between ten sets of alternatives (KLAggregate; lower is more robust) "
     "against the size of the sets: sets of one sampler, and sets of ten different samplers. Bars are 95 % intervals.",
     "two_posteriors": "The posterior of one demonstration from two sets of alternatives: where the bars of a pair "
-    "differ, the answer hangs on the sample.",
+    "differ, the answer depends on which alternatives were drawn.",
     "accuracy": "Of simulated participants, whose true weights are known: the angle from the most probable weights to "
     "the true ones, and the probability given to the hypothesis nearest to them, against the size of the sets.",
-    "importance": "With samplers of known density: what weighting alternatives by one over that density does to "
-    "Boltzmann, and how few alternatives then carry the weight.",
-    "duplicates": "How far near-copies slipped into a set shift the posterior (KL divergence from the clean set), "
-    "against the number of copies; spread is how far the copies lie from their originals.",
-    "sensitivity": "KLAggregate and entropy when one choice of the study is made otherwise. An arrow is a value "
-    "beyond the panel.",
+    "importance": "Samplers whose density is known. Each alternative is weighted by one over that density: how robust "
+    "Boltzmann then is, and how few alternatives carry most of the weight.",
+    "duplicates": "Near-copies of some alternatives are added to a set. How far does that move the posterior (KL "
+    "divergence from the set without copies)? Spread is how far copies lie from their originals.",
+    "sensitivity": "KLAggregate and entropy when one setting of the study is changed. An arrow marks a value "
+    "outside the panel.",
 }
 EXPLORED_FIGURES: Mapping[str, str] = {
     "predicted": "What the next person is predicted to do: for each feature the median and the interval of probability "
     "0.9 under each model, and what people did (ticks).",
-    "regions": "Where the samplers of the study draw, and what the choice space reaches, along the two features that "
-    "weigh most: each sampler covers a part of its own.",
+    "regions": "Where each sampler of the study draws, and what the choice space reaches, along the two features that "
+    "weigh most. Each sampler covers another part.",
     "ten_posteriors": "The posterior of the first demonstration from each sampler's largest set, and from each "
-    "exploration of the choice space: lines that coincide agree.",
+    "exploration of the choice space. Where lines coincide, they agree.",
 }
 """Shown in the report, beside the others."""
 STUDY_FIGURES: Mapping[str, str] = {
     "human_choice": "What people chose, and what each model predicts. Bars are exact 95 % intervals of the observed "
     "share.",
     "grid_world_true_posterior": "Grid world: probability of the true weights after a set of demonstrations, by the "
-    "true weights and by who chooses how.",
+    "true weights, the model by which people choose, and the model that infers.",
     "grid_world_overall": "The mean over all true weights, also for people who see features that the robot does not.",
     "grid_world_sets": "Two sets of demonstrations and the posteriors from them. Paths that share a step are drawn "
     "side by side.",

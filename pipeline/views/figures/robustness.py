@@ -234,7 +234,7 @@ def sensitivity_figure(
     marks = [(model_name(model), model_color(model, models), model_color(model, models)) for model in models]
     marks += [
         ("as in the study", color(palette.GREY), color(palette.GREY)),
-        ("otherwise", color(palette.GREY), color(palette.WHITE)),
+        ("one setting changed", color(palette.GREY), color(palette.WHITE)),
     ]
     handles = [
         Line2D([], [], marker="o", linestyle="none", markersize=3.2, color=edge, markerfacecolor=face, label=label)
@@ -313,7 +313,9 @@ def _effective_sizes(ax: Axes, sets: pl.DataFrame) -> None:
     )  # fmt: skip
     shade = model_color(BOLTZMANN, (BOLTZMANN,))
     ax.plot(middle["set_size"], middle["effective_sample_size"], color=shade, linestyle=PATTERNS[BOLTZMANN_WEIGHTED])
-    ax.plot(middle["set_size"], middle["set_size"], color=grey, linewidth=0.8, linestyle=":", label="all count")
+    ax.plot(
+        middle["set_size"], middle["set_size"], color=grey, linewidth=0.8, linestyle=":", label="if all weighed alike"
+    )
     ax.set_yscale("log")
     ax.set_ylim(0.8, None)
     ax.set_ylabel("effective sample size")

@@ -132,13 +132,13 @@ def write_figure(folder: Path, name: str, figure: Figure) -> None:
 
 
 def color(rgb: palette.RGB) -> tuple[float, float, float]:
-    """A colour of the palette in the form that matplotlib takes: red, green and blue from 0 to 1."""
-    red, green, blue = (channel / 255 for channel in rgb)
+    """A colour of the palette, dark enough for paper, as matplotlib takes it: red, green and blue from 0 to 1."""
+    red, green, blue = (channel / 255 for channel in palette.on_paper(rgb))
     return red, green, blue
 
 
 def model_color(name: str, names: Sequence[str]) -> tuple[float, float, float]:
-    """The colour of a model among those shown; it is the same as in the viewer."""
+    """The colour of a model among those shown; it has the same hue as in the viewer."""
     return color(palette.model_color(name, tuple(names)))
 
 

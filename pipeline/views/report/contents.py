@@ -139,11 +139,11 @@ def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -
             spread = [divergence.get(regime) for regime in (INDEPENDENT, SAMPLER_SHIFT)]
             rows.append([task, model_name(model), *numbers, model_numbers.get("held_out"), *spread])
     caption = (
-        "What all demonstrations of a task together say: the most probable weights with their probability whatever "
-        "beta is, the most probable beta with them, the entropy "
-        "of the posterior over weights, the mean log predictive probability of a "
-        "demonstration given the others, and the median KLAggregate of single demonstrations with the largest sets "
-        "(nats; lower is more robust)."
+        "What all demonstrations of a task together say. P(theta): probability of the most probable weights, summed "
+        "over beta. Beta: the most probable one with these weights. Entropy: of the posterior over weights; 0 is "
+        "certainty. "
+        "Held-out: mean log probability of a demonstration, predicted from the others. KLAggregate: how far posteriors "
+        "of one demonstration from ten sets of alternatives are apart (median, largest sets); lower is more robust."
     )
     return [Table(caption, header, rows)] if rows else [Text("No task has a posterior yet.")]
 
@@ -154,7 +154,13 @@ def _hypotheses(answers: _Answers) -> list[Part]:
     if tests.is_empty() or worlds.is_empty():
         return []
     rows = findings(tests, worlds).rows()
-    return [Table("The paper's hypotheses, put to the studies.", ("hypothesis", "claim", "outcome", "numbers"), rows)]
+    return [
+        Table(
+            "The paper's hypotheses, and what the studies here say of each.",
+            ("hypothesis", "claim", "outcome", "numbers"),
+            rows,
+        )
+    ]
 
 
 def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list[str]:
@@ -165,7 +171,7 @@ def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
     salvaged = answers("demonstrations", "from demonstrations where salvaged order by task, source")
     for task, source, lost in _rows(salvaged, "task", "source", "lost"):
         sentences.append(
-            f"Task {task}: the recording {source} is cut off, and what stands before the cut was used. {lost}"
+            f"Task {task}: the recording {source} is cut off, and what was recorded before the cut was used. {lost}"
         )
     simulated = answers(
         "demonstrations",
@@ -200,8 +206,8 @@ def _warnings(project: Project, answers: _Answers, tasks: Sequence[str]) -> list
         answers("posteriors", SPLIT), "task", "model", "set_size", "sets", "answers"
     ):
         sentences.append(
-            f"Task {task}: under {model_name(model)} the answer hangs on the sample: {sets} sets of {size:,} "
-            f"alternatives give {different} different answers."
+            f"Task {task}: under {model_name(model)} the answer depends on which alternatives were drawn: {sets} sets "
+            f"of {size:,} alternatives give {different} different answers."
         )
     outdated = _rows(answers("outdated", "from outdated"), "file", "input")
     if outdated:
@@ -237,7 +243,9 @@ def _of_recordings(answers: _Answers) -> list[str]:
         if people["clock"].n_unique() > 1:
             counted = people["clock"].value_counts().sort("clock").rows()
             clocks = ", ".join(f"{clock} of {count}" for clock, count in counted)
-            said.append(f"Task {task}: times are of different clocks ({clocks}); ingest.clock names one.")
+            said.append(
+                f"Task {task}: the times come from different clocks ({clocks}); set ingest.clock to use one for all."
+            )
     return said
 
 

@@ -1,4 +1,4 @@
-"""The page on real trips: what is exact, which model predicts them, and how much that hangs on the sampler."""
+"""The page on real trips: what is exact, which model predicts them, and how much that depends on the sampler."""
 
 from __future__ import annotations
 

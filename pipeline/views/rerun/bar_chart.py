@@ -88,7 +88,9 @@ def log_bars(recording: rr.RecordingStream, chart: BarChart, column: int, values
     log_labels(recording, f"{entity}/values", positions, [f"{value:.2f}" for value in values[numbered]], static=static)
 
 
-def log_lines(recording: rr.RecordingStream, chart: BarChart, column: int, values: FloatArray, name: str) -> None:
+def log_lines(
+    recording: rr.RecordingStream, chart: BarChart, column: int, values: FloatArray, name: str, *, static: bool = True
+) -> None:
     """Log a white line at the value of each row of a column; lines next to zero are left out."""
     lengths = values / chart.full * chart.full_length
     visible = lengths >= _SHORTEST
@@ -96,7 +98,7 @@ def log_lines(recording: rr.RecordingStream, chart: BarChart, column: int, value
     half = 0.36 * _ROW
     strips = np.stack([np.stack([x, y - half], axis=1), np.stack([x, y + half], axis=1)], axis=1)
     lines = rr.LineStrips2D(strips, radii=rr.Radius.ui_points(0.9), colors=palette.WHITE, draw_order=2.0)
-    recording.log(f"{chart.entity}/{part(chart.models[column])}/{name}", lines, static=True)
+    recording.log(f"{chart.entity}/{part(chart.models[column])}/{name}", lines, static=static)
 
 
 def log_frame(recording: rr.RecordingStream, chart: BarChart, rows: Sequence[str], *, static: bool = True) -> None:

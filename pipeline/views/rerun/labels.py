@@ -18,8 +18,12 @@ _DRAWN = {chr(code) for start, stop in _RANGES for code in range(start, stop)} |
 
 
 def drawable(text: str) -> str:
-    """`text` with a question mark for each character that the viewer's font may lack, which would crash the viewer."""
-    return "".join(character if character in _DRAWN else "?" for character in text)
+    """`text` with a question mark for each character that the viewer's font may lack, which would crash the viewer.
+
+    Powers of units are raised: rad^2 becomes rad².
+    """
+    raised = text.replace("^2", "²").replace("^3", "³")
+    return "".join(character if character in _DRAWN else "?" for character in raised)
 
 
 def part(name: str) -> str:

@@ -10,10 +10,11 @@ import rerun.blueprint as rrb
 from pipeline.views import palette
 from pipeline.views.rerun import posterior as posterior_view
 from pipeline.views.rerun.density import curve_bounds, curve_entity, map_bounds
-from pipeline.views.rerun.labels import drawable
+from pipeline.views.rerun.labels import drawable, part
 from pipeline.views.rerun.records import TIMELINE
 from pipeline.views.rerun.robustness import spread_bounds
-from pipeline.views.rerun.scene import alternatives_entity
+from pipeline.views.rerun.scene import PREDICTED, alternatives_entity
+from pipeline.vocabulary import BOLTZMANN, LESS, model_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 _SHORT_REPLAY_S = 60.0  # a longer replay is played faster, so that it takes about this time
 # Distance of the camera from what it looks at, and how far below the middle it looks: shares of the picture's diagonal.
 _DISTANCE, _LOWER = 0.86, 0.05
+_COLOURS = {BOLTZMANN: "blue", LESS: "orange"}  # of `palette.MODELS`, in words
 
 
 def layout(inspection: Inspection) -> rrb.Blueprint:
@@ -58,11 +60,20 @@ def layout(inspection: Inspection) -> rrb.Blueprint:
     )
 
 
-def _scene_view(inspection: Inspection) -> rrb.Spatial3DView:
+def _scene_view(inspection: Inspection) -> rrb.View | rrb.Container:
+    """The scene with what people could have done; if predictions are there, on a second page with these instead."""
     shown = [group.paths for group in inspection.alternatives if group.shown]
     moving = [inspection.demonstration_paths, *shown, inspection.replay.body_positions[:, 1:]]
     in_picture = np.concatenate([points.reshape(-1, 3) for points in moving])
-    return scene_view(inspection.replay, in_picture, hidden(inspection.alternatives))
+    apart = hidden(inspection.alternatives)
+    if not inspection.predicted:
+        return scene_view(inspection.replay, in_picture, apart)
+    chosen_from = scene_view(inspection.replay, in_picture, [*apart, PREDICTED])
+    wide = [f"{PREDICTED}/{part(model)}/interval" for model in inspection.predicted]
+    expected = scene_view(inspection.replay, in_picture, ["scene/alternatives", *wide])
+    colours = ", ".join(f"{model_name(model)} {_COLOURS.get(model, 'green')}" for model in inspection.predicted)
+    expected.name = f"Someone new: {colours}"
+    return rrb.Tabs(chosen_from, expected, active_tab=0)
 
 
 def scene_view(replay: Replay, in_picture: FloatArray, hidden_entities: Sequence[str]) -> rrb.Spatial3DView:

@@ -94,6 +94,26 @@ class FeatureSpace:
 
 
 @dataclass(frozen=True)
+class Predicted:
+    """Where the end effector of someone new is predicted to be, under one model.
+
+    Attributes:
+        low, median, high: (T, 3) m: central intervals of probability 0.9 and medians of x, y and z, each by itself.
+        likely: (M, T', 3) m, the most probable trajectories, the most probable one first.
+    """
+
+    low: FloatArray
+    median: FloatArray
+    high: FloatArray
+    likely: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("low", "high"):
+            _check_shape(f"{name} of a prediction", getattr(self, name), (len(self.median), 3))
+        _check_shape("likely paths of a prediction", self.likely, (None, None, 3))
+
+
+@dataclass(frozen=True)
 class Inspection:
     """Everything that the recording of one task shows.
 
@@ -110,6 +130,7 @@ class Inspection:
         theta_meaning: what the numbers in the labels mean.
         posteriors: for each model, (n + 1, K) probabilities: row k is the posterior after the first k demonstrations.
         robustness: rows of `robustness_summary` to draw, or None if the study was not run.
+        predicted: by model, what someone new would do; empty if nothing is predicted yet.
         summary: text in Markdown: the task, its numbers and where they came from.
     """
 
@@ -125,10 +146,12 @@ class Inspection:
     theta_meaning: str
     posteriors: Mapping[str, FloatArray]
     robustness: pl.DataFrame | None
+    predicted: Mapping[str, Predicted]
     summary: str
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "posteriors", MappingProxyType(dict(self.posteriors)))
+        object.__setattr__(self, "predicted", MappingProxyType(dict(self.predicted)))
         n, k = len(self.demonstration_ids), len(self.theta_labels)
         replay, bodies = self.replay, len(self.replay.geometry.body_names)
         samples = len(replay.time_s)

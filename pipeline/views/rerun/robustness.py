@@ -22,6 +22,9 @@ _LINE, _HAIR, _DOT = (rr.Radius.ui_points(points) for points in (1.4, 0.4, 3.5))
 _LABEL_DROP = 7.0  # distance at which the viewer draws a label below its point
 
 
+_MOST_DECADES = 3.5  # that have two numbers each
+
+
 def spread_bounds(robustness: pl.DataFrame) -> Bounds:
     """Horizontal and vertical extent of the chart's view."""
     panels = robustness["regime"].n_unique()
@@ -80,8 +83,11 @@ def log_spread(recording: rr.RecordingStream, robustness: pl.DataFrame) -> None:
 
 
 def decades(low: float, high: float) -> FloatArray:
-    """The numbers 1, 3, 10, 30 and so on, from the last one <= `low` to the first one >= `high`; both are positive."""
-    steps = np.array([1.0, 3.0])
+    """Round numbers from the last one <= `low` to the first one >= `high`; both are positive.
+
+    They are 1, 3, 10, 30 and so on, or powers of ten where there would be too many of them.
+    """
+    steps = np.array([1.0, 3.0] if np.log10(high / low) < _MOST_DECADES else [1.0])
     powers = np.arange(np.floor(np.log10(low)) - 1, np.ceil(np.log10(high)) + 1)
     marks = np.sort(np.outer(10.0**powers, steps).ravel())
     below, above = marks[marks <= low * (1 + 1e-9)].max(), marks[marks >= high * (1 - 1e-9)]

@@ -14,12 +14,14 @@ from pipeline.views.rerun.records import TIMELINE
 if TYPE_CHECKING:
     from pipeline.arrays import FloatArray
     from pipeline.replay.geometry import Geometry, Shape
-    from pipeline.views.rerun.records import AlternativeSet, Inspection, Replay
+    from pipeline.views.rerun.records import AlternativeSet, Inspection, Predicted, Replay
 
 _ENDLESS_M = 2.0  # half size with which an infinite plane is drawn
 _DARKEST = 0.3  # least value of each colour channel: a black arm would look like a hole in a dark room
 _PLANE_HALF_THICKNESS_M = 0.0005
-_THIN, _MEDIUM, _THICK, _DOT = (rr.Radius.ui_points(points) for points in (0.45, 1.8, 2.6, 4.0))
+_HAIR, _THIN, _MEDIUM, _THICK, _DOT = (rr.Radius.ui_points(points) for points in (0.3, 0.45, 1.8, 2.6, 4.0))
+_BOX_EVERY = 4  # waypoints
+PREDICTED = "scene/predicted"  # entity under which predictions are logged
 
 
 def log_scene(recording: rr.RecordingStream, inspection: Inspection) -> None:
@@ -29,6 +31,8 @@ def log_scene(recording: rr.RecordingStream, inspection: Inspection) -> None:
     log_bodies(recording, replay, moving_bodies(replay))
     for alternatives in inspection.alternatives:
         log_alternatives(recording, alternatives)
+    for model, predicted in inspection.predicted.items():
+        log_predicted(recording, model, predicted)
     paths = inspection.demonstration_paths
     shown = rr.LineStrips3D(list(paths), radii=_MEDIUM, colors=palette.DEMONSTRATION)
     recording.log("scene/demonstrations", shown, static=True)
@@ -82,6 +86,20 @@ def log_alternatives(recording: rr.RecordingStream, alternatives: AlternativeSet
         rows = rows[np.argsort(weights[rows], kind="stable")]
         strips = rr.LineStrips3D(list(alternatives.paths[rows]), radii=_THIN, colors=colors[rows])
         recording.log(f"{alternatives_entity(alternatives.name)}/{part(sampler)}", strips, static=True)
+
+
+def log_predicted(recording: rr.RecordingStream, model: str, predicted: Predicted) -> None:
+    """Log the median path of someone new, boxes of probability 0.9 for each axis along it, and likely paths."""
+    color, entity = palette.MODELS.get(model, palette.GREEN), f"{PREDICTED}/{part(model)}"
+    median = rr.LineStrips3D([predicted.median], radii=_THICK, colors=color)
+    recording.log(f"{entity}/median", median, static=True)
+    likely = rr.LineStrips3D(list(predicted.likely), radii=_THIN, colors=color)
+    recording.log(f"{entity}/likely", likely, static=True)
+    some = slice(None, None, _BOX_EVERY)
+    sizes, centres = (predicted.high - predicted.low)[some] / 2, (predicted.high + predicted.low)[some] / 2
+    frame = rr.components.FillMode.MajorWireframe
+    boxes = rr.Boxes3D(half_sizes=sizes, centers=centres, colors=color, radii=_HAIR, fill_mode=frame)
+    recording.log(f"{entity}/interval", boxes, static=True)
 
 
 def alternatives_entity(name: tuple[str, ...]) -> str:

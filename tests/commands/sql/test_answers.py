@@ -6,6 +6,7 @@ import io
 import itertools
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -22,6 +23,9 @@ from pipeline.errors import QueryError, StageError
 from pipeline.formats.duckdb.catalog import SourceFile, build_catalog
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import write_table
+from tests.support.terminal import on_a_terminal
+
+ANEW = "`lessbench catalog` makes it anew"
 
 ROOT = Path(__file__).resolve().parents[3]
 TABLE, CSV, JSON, PARQUET = (Wanted(form) for form in Format)
@@ -117,10 +121,19 @@ def test_a_file_whose_question_fails_on_the_way_is_not_there(catalog: Path, tmp_
 @pytest.mark.parametrize(
     ("question", "said"),
     [
-        ("from posteriors where task = 'b'", "the catalog has no task 'b'; it has a\n"),
-        ("from posteriors where TASK='\x1b[2J'", "the catalog has no task '\\x1b[2J'; it has a\n"),
+        ("from posteriors where task = 'b'", f"the catalog has no task 'b'; it has a; {ANEW}\n"),
+        (
+            "from posteriors where TASK='\x1b[2J'",
+            f"the catalog has no task '\\x1b[2J'; it has a; {ANEW}\n",
+        ),
         ("from posteriors where task = 'a' and beta = 7", ""),
         ("from posteriors where beta = 7", ""),
+        ("select count(*) from posteriors where task == 'b'", "the catalog has no task 'b'; it has a\n"),
+        ("select count(*) from posteriors where task == 'a'", ""),
+        (
+            "from posteriors where task in ( 'b' , 'c')",
+            "the catalog has no task 'b'; it has a\nthe catalog has no task 'c'; it has a\n",
+        ),
     ],
 )
 @pytest.mark.parametrize("form", [TABLE, CSV])
@@ -217,6 +230,25 @@ def test_a_terminal_is_shown_the_first_rows_before_others_are_counted(
     assert first[0] == 5, "more rows were taken than are shown"
     assert "39" in first[1]
     assert last == (50, "the first 40 of 500 rows; `--rows 400` shows more, `--output answer.csv` writes all\n")
+
+
+@pytest.mark.parametrize(
+    ("rows", "pager", "shown"),
+    [
+        (40, "sed s/^/paged/", ["paged│ 39", "paged40 rows"]),
+        (10, "sed s/^/paged/", ["│ 9", "10 rows"]),  # fits on the screen
+        (680_238, "sed s/^/paged/", ["paged│ 39", "pagedthe first 40 of 680,238 rows"]),
+        (40, "head -n 1", ["┏━"]),  # whoever leaves the pager has seen enough
+        (40, "no-such-pager", ["│ 39", "40 rows"]),
+    ],
+)
+def test_what_is_higher_than_the_terminal_goes_through_a_pager(
+    catalog: Path, rows: int, pager: str, shown: list[str]
+) -> None:
+    out = on_a_terminal(catalog.parent, "-m", "pipeline", "sql", f"from range({rows})", env={"PAGER": pager})
+    lines = out.splitlines()
+    for beginning in shown:
+        assert any(re.sub(r"\x1b\[[0-9;]*m", "", line).startswith(beginning) for line in lines), out
 
 
 def run(catalog: Path, *words: str, stdout: object, **options: object) -> subprocess.CompletedProcess[bytes]:

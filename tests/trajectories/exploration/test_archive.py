@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import ArgumentError
-from pipeline.trajectories.exploration.archive import Archive, Centroids, Grid, spread
+from pipeline.trajectories.exploration.archive import Archive, Grid, spread
 
 WIDTH = 0.25
 
@@ -86,17 +86,6 @@ def test_add_says_how_many_cells_are_new() -> None:
     assert archive.add(z[:0], features[:0]) == 0
 
 
-def test_centroids_are_the_nearest_points() -> None:
-    z, features = members(400)
-    points = spread(features, 30)
-    key, square = Centroids(points).locate(features)
-    distance = ((features[:, None] - points) ** 2).sum(axis=2)
-    np.testing.assert_array_equal(key, distance.argmin(axis=1))
-    np.testing.assert_allclose(square, distance.min(axis=1), atol=1e-12)
-    cut = filled(z, features, 100).recut(Centroids(points))
-    assert len(cut) == 30
-
-
 def test_spread_points_are_further_apart_than_random_ones() -> None:
     features = members(1000)[1]
 
@@ -109,7 +98,7 @@ def test_spread_points_are_further_apart_than_random_ones() -> None:
 
 
 def test_refusals() -> None:
-    with pytest.raises(ArgumentError, match="use Centroids"):
-        Grid(0.1).locate(np.zeros((1, 5)))
+    with pytest.raises(ArgumentError, match="takes up to 6"):
+        Grid(0.1).locate(np.zeros((1, 7)))
     with pytest.raises(ArgumentError, match="can be numbered"):
         Grid(1e-6).locate(np.full((1, 3), 9.0))

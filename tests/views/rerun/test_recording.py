@@ -24,7 +24,7 @@ from pipeline.views.rerun.labels import drawable
 from pipeline.views.rerun.layout import hidden
 from pipeline.views.rerun.posterior import page
 from pipeline.views.rerun.recording import open_viewer, quiet_environment, viewer_command, write_inspection
-from pipeline.views.rerun.records import TIMELINE, AlternativeSet, FeatureSpace, Inspection, Replay
+from pipeline.views.rerun.records import TIMELINE, AlternativeSet, FeatureSpace, Inspection, Predicted, Replay
 from pipeline.views.rerun.robustness import decades
 from pipeline.views.task_summary import density_curve, density_map, replay_samples, theta_labels, theta_meaning
 from tests.support.live_viewer import not_blank, pictures
@@ -117,6 +117,10 @@ def inspection(tmp_path_factory) -> Inspection:
                 "high": [12.0, None, 11.0, 0.6, 32.0, 22.0],
             }
         ),
+        predicted={
+            model: Predicted(*np.sort(rng.normal(0, 0.3, (3, 11, 3)), axis=0), likely=rng.normal(0, 0.3, (2, 11, 3)))
+            for model in ("boltzmann", "less")
+        },
         summary="# reach\nThree demonstrations, 200 alternatives. ≈ 漢字 █",
     )
 
@@ -176,6 +180,9 @@ def test_shapes_and_paths_and_charts_are_all_there(chunks, inspection):
         "/scene/alternatives/working/near": "LineStrips3D:strips",
         "/scene/alternatives/sets\\ of\\ 3/set\\ \\?/wide": "LineStrips3D:strips",
         "/scene/demonstrations": "LineStrips3D:strips",
+        "/scene/predicted/less/median": "LineStrips3D:strips",
+        "/scene/predicted/boltzmann/interval": "Boxes3D:half_sizes",
+        "/scene/predicted/less/likely": "LineStrips3D:strips",
         "/density/effort/alternatives": "LineStrips2D:strips",
         "/density/height/weighted_by_less": "LineStrips2D:strips",
         "/map/density": "Image:buffer",
@@ -194,6 +201,10 @@ def test_shapes_and_paths_and_charts_are_all_there(chunks, inspection):
         assert component in chunk.to_record_batch().schema.names, (entity, chunk.to_record_batch().schema.names)
     assert len(column(chunks["/scene/alternatives/working/wide"][0], "strips")[0]) == 20
     assert len(column(chunks["/scene/demonstrations"][0], "strips")[0]) == 3
+    # a box at every fourth of 11 waypoints
+    boxes = np.array(column(chunks["/scene/predicted/less/interval"][0], "half_sizes")[0])
+    predicted = inspection.predicted["less"]
+    np.testing.assert_allclose(boxes, (predicted.high - predicted.low)[::4] / 2, atol=1e-6)
 
 
 def test_a_body_moves_as_replayed_and_what_rests_is_logged_once(chunks, inspection):
@@ -273,7 +284,12 @@ def test_sets_that_are_not_shown_wait_in_the_tree(inspection):
 
 @pytest.mark.parametrize(
     ("low", "high", "expected"),
-    [(0.5, 30.0, [0.3, 1, 3, 10, 30]), (1.0, 1.0, [1, 3]), (20.0, 25.0, [10, 30])],
+    [
+        (0.5, 30.0, [0.3, 1, 3, 10, 30]),
+        (1.0, 1.0, [1, 3]),
+        (20.0, 25.0, [10, 30]),
+        (0.02, 300.0, [0.01, 0.1, 1, 10, 100, 1000]),
+    ],
 )
 def test_logarithmic_axes_end_on_round_numbers(low, high, expected):
     assert decades(low, high).tolist() == pytest.approx(expected)
@@ -383,7 +399,7 @@ def test_no_view_reports_an_error_at_any_time(recording, inspection, tmp_path):
             viewer.set_time(timeline=TIMELINE, duration=time_s, play_state="paused")
             time.sleep(1.0)
             state = viewer.get_state()
-            assert len(state.views) == 8
+            assert len(state.views) == 9
             assert [view.reports for view in state.views if view.reports] == []
             viewer.save_screenshot(str(tmp_path / f"{place}.png"))
             shots.append(not_blank(tmp_path / f"{place}.png"))

@@ -1,0 +1,5 @@
+"""`python -m lessbench` is `lessbench`."""
+
+from lessbench import main
+
+main()
