@@ -17,13 +17,14 @@ from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.studies.support import beyond, chance_notes, edge_sentence
 from pipeline.views.figures.captions import EXPLORED_FIGURES, STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
-from pipeline.views.report.html import Answer, Part, Picture, Points, Report, Section, Table, Text, Verbatim
+from pipeline.views.report.html import Answer, Folded, Part, Picture, Points, Report, Section, Table, Text, Verbatim
 from pipeline.views.task_summary import theta_labels, theta_meaning
 from pipeline.vocabulary import ALL, EXPLORED, INDEPENDENT, SAMPLER_SHIFT, STUDIES, WORKING, model_name
 from pipeline.workspace.project import Project
 
 LIBRARIES = ("mujoco", "numpy", "scipy", "finufft", "polars", "duckdb", "matplotlib")
 _HASH_DIGITS = 16
+FIRST_FIGURES = ("posterior", "predicted", "regions", "ten_posteriors")  # of a task; the others wait behind a click
 WORDS = {
     "alternative": "a trajectory that a person could have chosen instead",
     "feature": "a number about a trajectory that people may care about, such as its height over the table",
@@ -68,11 +69,11 @@ def report(project: Project) -> Report:
     sections = [Section("Answers", told)] if (told := _told(answers, tasks)) else []
     sections += [
         Section("In short", [*_headline(tasks, headline), *_hypotheses(answers)]),
-        *(Section(f"Task: {name}", _task(project, answers, name), opens=True) for name in tasks),
+        *(Section(f"Task: {name}", _task(project, answers, name)) for name in tasks),
         Section("What to be careful about", [Points(_warnings(project, answers, tasks))]),
     ]
     if pictures := _pictures(project, STUDIES, STUDY_FIGURES):
-        sections.append(Section("Studies", pictures, opens=True))
+        sections.append(Section("Studies", [Folded("figures of the studies", pictures)]))
     sections += [
         Section("Words", [Points([f"{word}: {meaning}" for word, meaning in WORDS.items()])], folded=True),
         Section("Made with", _versions(project, answers, tasks), folded=True),
@@ -273,14 +274,18 @@ def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
     rejected = (
         answers("rejected", "from rejected order by source").filter(task=name).select("source", "reason", "detail")
     )
-    parts: list[Part] = [Text(about), _people(answers, name, people)]
+    figures = {**TASK_FIGURES, **EXPLORED_FIGURES}
+    first = {figure: figures[figure] for figure in FIRST_FIGURES}
+    others = {figure: caption for figure, caption in figures.items() if figure not in first}
+    parts: list[Part] = [Text(about), *_pictures(project, name, first)]
     if rejected.height:
         parts.append(Table("Files that were not used, and why.", ("file", "reason", "detail"), rejected.rows()))
     remarked = people.filter(pl.col("remarks").is_not_null())
     if remarked.height:
         caption = "What is odd about recordings that were used, or was decided in reading them."
         parts.append(Table(caption, ("recording", "remarks"), remarked.select("source", "remarks").rows()))
-    return parts + _pictures(project, name, {**TASK_FIGURES, **EXPLORED_FIGURES})
+    further = [_people(answers, name, people), *_pictures(project, name, others)]
+    return [*parts, Folded("what each demonstration says, densities, and how robust and accurate answers are", further)]
 
 
 def _people(answers: _Answers, name: str, people: pl.DataFrame) -> Table:

@@ -69,7 +69,10 @@ overflow-wrap: anywhere; }
   table { font-size: 8pt; }
   th, td { padding-right: .5rem; }
   figcaption, caption { font-size: 9pt; max-width: none; }
-  img { max-height: 23cm; }
+  details:not([open]), section:has(> h2 + details:not([open]):last-child) { display: none; }
+  h2 { margin-top: 1.2rem; }
+  figure, .table { margin: .6rem 0; }
+  img { max-height: 8.5cm; width: auto; }
   pre { background: none; padding: 0; }
   .figures { display: block; }
   .figures figure.small { display: inline-block; vertical-align: top; width: 48%; margin-right: 1%; }
@@ -125,7 +128,15 @@ class Answer:
     reasons: Sequence[str]
 
 
-Part = Text | Points | Table | Picture | Verbatim | Answer
+@dataclass(frozen=True)
+class Folded:
+    """Parts that are shown once their summary is clicked at, and not printed otherwise."""
+
+    summary: str
+    parts: Sequence[Part]
+
+
+Part = Text | Points | Table | Picture | Verbatim | Answer | Folded
 
 
 @dataclass(frozen=True)
@@ -181,9 +192,16 @@ def render(report: Report) -> str:
 
 def _section(number: int, section: Section) -> str:
     opens = ' class="opens"' if section.opens else ""
-    lines = [f'<section id="part-{number}"{opens}>', f"<h2>{escape(section.title)}</h2>"]
+    found = _parts([Folded("show", section.parts)] if section.folded else section.parts)
+    return "\n".join(
+        [f'<section id="part-{number}"{opens}>', f"<h2>{escape(section.title)}</h2>", *found, "</section>"]
+    )
+
+
+def _parts(parts: Sequence[Part]) -> list[str]:
+    lines: list[str] = []
     pictures: list[Picture] = []
-    for part in [*section.parts, None]:
+    for part in [*parts, None]:
         if isinstance(part, Picture):
             pictures.append(part)
             continue
@@ -192,12 +210,10 @@ def _section(number: int, section: Section) -> str:
             pictures = []
         if part is not None:
             lines.append(_part(part))
-    if section.folded:
-        lines[2:] = ["<details>\n<summary>show</summary>", *lines[2:], "</details>"]
-    return "\n".join([*lines, "</section>"])
+    return lines
 
 
-def _part(part: Text | Points | Table | Verbatim | Answer) -> str:
+def _part(part: Text | Points | Table | Verbatim | Answer | Folded) -> str:
     match part:
         case Text(words):
             return f"<p>{escape(words)}</p>"
@@ -207,6 +223,8 @@ def _part(part: Text | Points | Table | Verbatim | Answer) -> str:
             return _table(part)
         case Verbatim(words):
             return f"<pre>{escape(words)}</pre>"
+        case Folded(summary, inner):
+            return "\n".join([f"<details>\n<summary>{escape(summary)}</summary>", *_parts(inner), "</details>"])
         case Answer(head, preferences, trust, reasons):
             found = f'<p class="head">{escape(head)}</p>\n{_part(Points(preferences))}\n'
             found += f'<p class="head">{escape(trust)}</p>\n{_part(Points(reasons)) if reasons else ""}'
