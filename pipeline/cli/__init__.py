@@ -14,7 +14,7 @@ from typer.exceptions import TyperException
 
 from pipeline import terminal
 from pipeline.cli import imports, results, setup, shared, stages, survey
-from pipeline.cli.grouping import BRING, HELP_NAMES, ExplainedGroup
+from pipeline.cli.grouping import ASK, BRING, HELP_NAMES, ExplainedGroup
 from pipeline.errors import OutputError, WorkbenchError
 from pipeline.vocabulary import SCHEDULER
 
@@ -39,7 +39,7 @@ COMPUTING = {command.callback.__name__ for command in stages.commands.registered
 }  # fmt: skip
 app.add_typer(setup.commands)
 app.add_typer(imports.commands, name="import", rich_help_panel=BRING)
-app.add_typer(survey.commands)
+app.add_typer(survey.commands, name="survey", rich_help_panel=ASK)
 app.add_typer(results.commands)
 app.add_typer(stages.commands)
 

@@ -7,13 +7,15 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.grouping import ASK, Commands
+from pipeline.cli.grouping import Commands, ExplainedGroup
+from pipeline.cli.shared import tasks, this_project
 
-commands = Commands()
+commands = Commands(cls=ExplainedGroup, invoke_without_command=True)
 
 
-@commands.command(rich_help_panel=ASK)
+@commands.callback()
 def survey(
+    context: typer.Context,
     study: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="YAML file of the study. Default: that of section 3 of the paper."),
@@ -30,10 +32,62 @@ def survey(
         typer.Option(metavar="ADDRESS", help="Address to serve on; one of the network lets other machines reach it."),
     ] = "127.0.0.1",
 ) -> None:
-    """Serve a browser study that collects choices, until Ctrl-C.
+    """Serve a browser study that collects choices, until Ctrl-C; design one; weigh models by its choices.
 
     Example: `lessbench survey`, then `lessbench study human-choice --choices choices.csv`.
     """
+    if context.invoked_subcommand is not None:
+        return
     from pipeline.commands.survey import serve_survey
 
     serve_survey(study, choices, words, bind, port)
+
+
+@commands.command("design")
+def survey_design(
+    task: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[TASK]", help="A task of params.yaml; without one, paths in a grid.", autocompletion=tasks
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="YAML file of the study, which must not be there.")] = Path(
+        "study.yaml"
+    ),
+    options: Annotated[int, typer.Option(min=2, max=12, help="How many each person chooses from.")] = 4,
+    trials: Annotated[
+        int, typer.Option(min=1, max=12, help="Of a task: how many sets each person is asked about.")
+    ] = 4,
+    candidates: Annotated[int, typer.Option(min=1, max=20_000, help="Of a task: how many sets are looked at.")] = 500,
+    theta_share: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, help="Of a task: how much is asked about theta, and not about the model."),
+    ] = 0.0,
+) -> None:
+    """Choose what to ask people about: sets on which the models disagree most, and how many people decide it.
+
+    Examples: `lessbench survey design table --out table.yaml`, `lessbench survey design --options 6`
+    """
+    from pipeline.commands.survey_design import design_grid, design_task
+
+    if task is None:
+        design_grid(this_project(), options=options, out=out)
+    else:
+        design_task(
+            this_project(), task, trials=trials, options=options, candidates=candidates, theta_share=theta_share,
+            out=out,
+        )  # fmt: skip
+
+
+@commands.command("weigh")
+def survey_weigh(
+    study: Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file of a study of a task's motions.")],
+    choices: Annotated[Path, typer.Argument(metavar="CHOICES", help="CSV file that `lessbench survey` wrote.")],
+) -> None:
+    """Say how probable the models are after people's choices among motions of a task.
+
+    Example: `lessbench survey weigh table.yaml choices.csv`
+    """
+    from pipeline.commands.survey_design import weigh
+
+    weigh(this_project(), study, choices)

@@ -58,7 +58,10 @@ def serve_survey(study: Path | None, choices: Path, words: str, bind: str, port:
             say(f"for each person from elsewhere: http://{address.bind}:{server.server_port}/?code=THEIR-CODE")
             say(f"choices go to {choices}, which has {_count(file)} so far")
             stop.wait()
-        say(f"{choices} has {_count(file)}; `lessbench study human-choice --choices {choices}` says what they tell")
+        asked = questionnaire.trials.values()
+        of_task = all(trial.task for trial in asked) and len({trial.task for trial in asked}) == 1
+        reader = f"survey weigh {study}" if of_task else "study human-choice --choices"
+        say(f"{choices} has {_count(file)}; `lessbench {reader} {choices}` says what they tell")
 
 
 def _count(file: ChoicesFile) -> str:

@@ -93,6 +93,11 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("inspect-project",): [["."], [EVIL]],
     ("trust",): [["."], [EVIL]],
     ("survey",): [["--study", EVIL], ["--choices", f"{EVIL}/c.csv"], ["--words", EVIL], ["--bind", EVIL]],
+    ("survey", "design"): [
+        ["--out", f"{EVIL}/d.yaml"], [EVIL], ["sweep", "--out", f"{FILE}.xml"],
+        ["sweep", "--out", f"{FILE}design.yaml"],
+    ],
+    ("survey", "weigh"): [[EVIL, "c.csv"], [f"{FILE}.xml", EVIL]],
     ("import", "trips"): [[EVIL]],
     ("import", "ferl"): [[EVIL, "out", "--joints", "a"], [f"{FILE}.xml", "out", "--joints", EVIL]],
 }  # fmt: skip
@@ -100,7 +105,10 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
 
 def commands(group: Any, *path: str) -> Iterator[tuple[str, ...]]:
     for name, command in group.commands.items():
-        yield from commands(command, *path, name) if hasattr(command, "commands") else [(*path, name)]
+        if hasattr(command, "commands"):
+            yield from commands(command, *path, name)
+        if not hasattr(command, "commands") or command.invoke_without_command:
+            yield (*path, name)
 
 
 def test_every_command_is_here() -> None:
