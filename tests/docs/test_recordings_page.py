@@ -43,7 +43,7 @@ def test_every_command_of_the_page_runs(project: Project, monkeypatch: pytest.Mo
     for name in ("datasets/sweep/recordings", "my_recordings"):
         (project.root / name).parent.mkdir(exist_ok=True)
         (project.root / name).symlink_to(project.root / "mine")
-    assert len(COMMANDS) == 8
+    assert len(COMMANDS) == 9
     for command in COMMANDS:
         words = shlex.split(command.replace("table", "sweep"))
         live = ["--port", "0"] if "--live" in words else []
