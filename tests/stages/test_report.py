@@ -43,6 +43,8 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
         "Answers", "In short", "Task: sweep", "What to be careful about", "Words", "Made with", "Parameters",
     ]  # fmt: skip
     assert page.count("<figure") == len(list(reported.figures("sweep").glob("*.svg"))) == 5
+    shown = re.sub("<details>.*?</details>", "", page, flags=re.DOTALL)  # what is printed, and seen without a click
+    assert 1 <= shown.count("<figure") <= 4
     assert "Task sweep: 1 of 4 recordings were rejected" in page
     assert "cut &amp; &lt;b&gt;off.mcap" in page
     assert (
