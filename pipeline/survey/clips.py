@@ -27,6 +27,7 @@ MOST_FRAMES = 60
 _AROUND = 12  # corners of a round outline
 _ENDLESS_M = 1.5
 _DARKEST = 0.25
+_NEAR = 0.1  # of the reach of the motion
 
 
 def clips(scene: Scene, trajectories: Mapping[str, FloatArray]) -> dict[str, dict[str, object]]:
@@ -35,17 +36,10 @@ def clips(scene: Scene, trajectories: Mapping[str, FloatArray]) -> dict[str, dic
     solids = [_Solid(shape) for shape in geometry.shapes]
     thinned = {name: _thinned(waypoints) for name, waypoints in trajectories.items()}
     poses = {name: body_poses(scene, waypoints) for name, waypoints in thinned.items()}
-    ends = [
-        solid.at(positions[row], quaternions[row])
-        for positions, quaternions in poses.values()
-        for row in (0, -1)
-        for solid in solids
-        if solid.kind != "plane"
-    ]
-    view = _View(np.concatenate(ends), geometry.viewpoint)
     moves = _moving(list(poses.values()))
     moving = [index for index, solid in enumerate(solids) if moves[solid.body]]
     still = [index for index, solid in enumerate(solids) if not moves[solid.body]]
+    view = _View(_seen(solids, moves, list(poses.values())), geometry.viewpoint)
     colours = [_shown(shape) for shape in geometry.shapes]
 
     def outlines(rows: list[int], positions: FloatArray, quaternions: FloatArray) -> list[object]:
@@ -71,6 +65,34 @@ def _moving(poses: list[tuple[FloatArray, FloatArray]]) -> BoolArray:
     positions, quaternions = (np.concatenate([pose[part] for pose in poses]) for part in (0, 1))
     found: BoolArray = (positions != positions[0]).any(axis=(0, 2)) | (quaternions != quaternions[0]).any(axis=(0, 2))
     return found
+
+
+def _seen(solids: list[_Solid], moves: BoolArray, poses: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
+    """(N, 3) points that the picture holds: all that moves, and what stands near it and is no larger.
+
+    So an arm on a large table fills the picture, and the table may be cut off.
+    """
+    positions, quaternions = poses[0]
+    still = [solid.at(positions[0], quaternions[0]) for solid in solids if not moves[solid.body]]
+    rows = [
+        solid.at(places[row], turns[row])
+        for places, turns in poses
+        for row in {0, len(places) // 4, len(places) // 2, 3 * len(places) // 4, len(places) - 1}
+        for solid in solids
+        if moves[solid.body]
+    ]
+    if not rows:
+        return np.concatenate(still)
+    moved = np.concatenate(rows)
+    low, high = moved.min(axis=0), moved.max(axis=0)
+    reach = (high - low).max()
+
+    def belongs(points: FloatArray) -> bool:
+        middle = (points.max(axis=0) + points.min(axis=0)) / 2
+        near = (middle >= low - _NEAR * reach).all() and (middle <= high + _NEAR * reach).all()
+        return bool(near and np.ptp(points, axis=0).max() <= reach)
+
+    return np.concatenate([moved, *filter(belongs, still)])
 
 
 class _View:

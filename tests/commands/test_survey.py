@@ -56,5 +56,9 @@ def test_motions_are_drawn_within_the_picture(tmp_path: Path) -> None:
         assert len(frames) == len(path) == 15
         assert all(len(frame) > 0 for frame in frames)
         assert ((path >= 0) & (path <= [WIDTH, HEIGHT])).all()
+    moved = np.concatenate(
+        [np.array(points).reshape(-1, 2) for clip in drawn.values() for _, points in clip["frames"][0]]
+    )
+    assert (np.ptp(moved, axis=0) / [WIDTH, HEIGHT]).max() > 0.3, "the arm and not the floor fills the picture"
     assert drawn["bow0.0"]["frames"][7] != drawn["bow0.3"]["frames"][7]
     assert drawn["bow0.0"]["still"] == drawn["bow0.3"]["still"]

@@ -22,6 +22,17 @@ pytestmark = pytest.mark.skipif(PROGRAM is None, reason="there is no Chromium he
 AXE = "axe-core@4.14.1"  # Deque's checks of accessibility, from the npm registry
 TAB, ENTER, SPACE, DOWN = ("Tab", 9, ""), ("Enter", 13, "\r"), (" ", 32, " "), ("ArrowDown", 40, "")
 PHONE, DESKTOP = 390, 1280
+CLIPS = {name: {
+    "width": 480, "height": 360, "seconds": 0.5, "colours": ["rgba(255,0,0,1.00)", "rgba(0,0,255,1.00)"],
+    "still": [[0, [0, 300, 480, 300, 480, 360, 0, 360]]],
+    "frames": [[[1, [x, 100, x + 40, 100, x + 40, 140, x, 140]]] for x in range(0, 420, 20)],
+    "path": [0, 120, end, 120],
+} for name, end in (("first", 440), ("second", 430))}  # fmt: skip
+MOTIONS = """
+title: Which motion would you want?
+trials:
+  pair: {task: table, options: {first: {alternative: a/0}, second: {alternative: a/1}}}
+"""
 THANKED = "!!document.body && document.body.innerText.includes('Thank you')"
 
 
@@ -35,8 +46,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 def serve(tmp_path: Path) -> Iterator[Callable[..., Server]]:
     running = []
 
-    def start(words: str = "en") -> Server:
-        visits = Visits(read_questionnaire(PAPER), ChoicesFile(tmp_path / "c.csv"), lambda trial, option: None)
+    def start(words: str = "en", study: Path = PAPER) -> Server:
+        visits = Visits(read_questionnaire(study), ChoicesFile(tmp_path / "c.csv"), lambda trial, option: CLIPS[option])
         context = serving("127.0.0.1", 0, visits, read_words(words))
         running.append(context)
         return context.__enter__()
@@ -56,7 +67,8 @@ def begin(page: Page, server: Server, address: str, width: int = DESKTOP) -> Non
 
 
 def finish(page: Page, option: str) -> None:
-    page.ask(f"document.querySelector('input[value={option}]').click(); document.querySelector('button').click()")
+    page.ask(f"document.querySelector('input[value={option}]').click()")
+    page.ask("document.querySelector('form.trial > button').click()")
     page.wait_for(THANKED)
 
 
@@ -184,6 +196,29 @@ def test_from_the_browser_to_the_tables_of_the_study(page: Page, serve: Callable
     assert lines[-1].startswith("LESS: posterior probability 0.")
 
 
+def test_motions_play_to_their_end_though_the_first_frame_is_older_than_the_click(
+    page: Page, serve: Callable[..., Server], tmp_path: Path
+) -> None:
+    """Browsers give a frame the time at which it began, which may lie before the script that asked for it."""
+    (tmp_path / "motions.yaml").write_text(MOTIONS)
+    server = serve(study=tmp_path / "motions.yaml")
+    early = "const now = performance.now.bind(performance); performance.now = () => now() + 150;"
+    added = page.do("Page.addScriptToEvaluateOnNewDocument", source=early)
+    begin(page, server, "?code=frames", PHONE)
+    page.do("Page.removeScriptToEvaluateOnNewDocument", identifier=added["identifier"])
+    page.wait_for("Array.from(document.querySelectorAll('button.second')).every(one => one.textContent === 'Play')")
+    colour = "Array.from(document.querySelectorAll('canvas')[{}].getContext('2d').getImageData({}, {}, 1, 1).data)"
+    for index in range(2):
+        assert page.ask(colour.format(index, 420, 110)) == [0, 0, 255, 255], "the arm at the end of its motion"
+        assert page.ask(colour.format(index, 20, 110)) == [0, 0, 0, 0], "and no longer at its beginning"
+        assert page.ask(colour.format(index, 20, 330)) == [255, 0, 0, 255], "the table"
+    page.ask("document.querySelectorAll('button.second')[1].click()")
+    assert page.ask("document.querySelectorAll('button.second')[1].getAttribute('aria-label')") == "Pause: Option 2"
+    finish(page, "second")
+    (row,) = rows(server)
+    assert (row["trial"], row["choice"]) == ("pair", "second")
+
+
 @pytest.fixture(scope="module")
 def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The script that checks a page."""
@@ -220,3 +255,10 @@ def test_axe_finds_nothing_on_any_page(page: Page, serve: Callable[..., Server],
     check()
     finish(page, page.ask("document.querySelector('input').value"))
     check()
+
+
+def test_axe_finds_nothing_on_motions(page: Page, serve: Callable[..., Server], axe: str, tmp_path: Path) -> None:
+    (tmp_path / "motions.yaml").write_text(MOTIONS)
+    begin(page, serve(study=tmp_path / "motions.yaml"), "?code=motions", PHONE)
+    page.ask(f"{axe}; 1")
+    assert page.ask("axe.run().then(result => result.violations.map(one => one.id + ': ' + one.help))") == []

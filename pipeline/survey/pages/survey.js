@@ -232,7 +232,8 @@ function motion(clip, place, input) {
   };
   const tick = (now) => {
     if (!running || !canvas.isConnected) return;
-    frame += ((now - before) / 1000) * (clip.frames.length / clip.seconds);
+    // the first frame may have begun before the click
+    frame += (Math.max(now - before, 0) / 1000) * (clip.frames.length / clip.seconds);
     before = now;
     if (frame >= clip.frames.length - 1) { frame = clip.frames.length - 1; stop(); }
     paint();
