@@ -40,7 +40,7 @@ def told(source: Path) -> list[str]:
     for test in study.tests.iter_rows(named=True):
         lines.append(
             f"{NAMES[test['model']]}, {test['comparison']}: chi-square({test['degrees_of_freedom']}, "
-            f"N = {test['n']}) = {test['chi_square']:.2f}, p = {test['p_value']:.3f}; Wellek's least epsilon "
+            f"N = {test['n']}) = {test['chi_square']:.2f}, {_p(test['p_value'])}; Wellek's least epsilon "
             f"{test['minimum_epsilon']:.2f}"
         )
     found = evidence(study, ALPHA, POWER)
@@ -52,3 +52,7 @@ def told(source: Path) -> list[str]:
             f"(power {POWER:g}, level {ALPHA:g})"
         )
     return lines
+
+
+def _p(p: float) -> str:
+    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
