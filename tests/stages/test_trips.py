@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,7 @@ def test_from_four_files_to_the_page(
 
     page = (project.root / "datasets/trips.html").read_text()
     assert page.count("<svg") + page.count("data:image") == 3
-    assert all(page.count(f">{name}<") >= 3 for name in MODELS.values())
+    assert all(page.count(f">{escape(name)}<") >= 3 for name in MODELS.values())
     assert "Sets of 6 draws of fast: better than corrected Boltzmann are" in page
     assert f"{tables['trips_exact']['log_likelihood'][0]:.4f} at the estimates" in page
     figures = {path.name for path in (project.root / "datasets/studies/trips_figures").iterdir()}
