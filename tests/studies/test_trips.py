@@ -27,7 +27,7 @@ from pipeline.studies.trips.path_models import (
     own_feature,
 )
 from pipeline.studies.trips.roads import Roads
-from pipeline.studies.trips.study import PUBLISHED, folds_of, run_trips, summed_up
+from pipeline.studies.trips.study import PUBLISHED, START, folds_of, run_trips, summed_up
 from pipeline.studies.trips.town_map import town_map
 from pipeline.workspace.project import Project
 from tests.support.small_roads import write_small_roads
@@ -121,9 +121,11 @@ def test_without_trips_the_study_says_how_to_import_some(tmp_path: Path) -> None
 
 def test_the_exact_likelihood_of_the_published_weights(shared: Path) -> None:
     read = read_trips(shared / "real" / "borlange")
-    value, gradient = Roads.of(read.network, read.observed).recursive_logit().gradient(PUBLISHED, np.ones(1832))
+    logit = Roads.of(read.network, read.observed).recursive_logit()
+    value, gradient = logit.gradient(PUBLISHED, np.ones(1832))
     assert value == pytest.approx(-6302.93, rel=1e-6)
     assert np.abs(gradient).max() < 5
+    np.testing.assert_allclose(logit.estimate(START).weights, PUBLISHED, rtol=0.01)
 
 
 def test_the_map_of_a_square_is_a_square() -> None:
