@@ -56,6 +56,23 @@ def test_weights_of_models_are_those_worked_out_by_hand() -> None:
     np.testing.assert_allclose(log_weights(LESS_LINKS, PATHS, pool, KERNELS), -np.log(sums))
 
 
+@pytest.mark.parametrize(("count", "links"), [(1, 3), (257, 40), (1001, 90)])
+def test_the_density_over_shared_links_is_the_sum_over_all_pairs(count: int, links: int) -> None:
+    rng = np.random.default_rng(count)
+    used = rng.integers(0, 3, (count, links)).astype(float)
+    used[:, 0] = 1
+    paths = PathSet(
+        np.zeros((count, 1), dtype=np.intp), np.zeros((count, 1)), sparse.csr_array(used), np.zeros(count),
+        np.ones(count, dtype=np.int64), 0,
+    )  # fmt: skip
+    rows = used / np.linalg.norm(used, axis=1, keepdims=True)
+    expected = [np.log(np.exp(-((rows - row) ** 2).sum(axis=1) / (2 * 0.5**2)).sum()) for row in rows[:20]]
+    found = -log_weights(LESS_LINKS, paths, paths.features, KERNELS)
+    np.testing.assert_allclose(found[:20], expected, atol=1e-12)
+    last = np.log(np.exp(-((rows - rows[-1]) ** 2).sum(axis=1) / (2 * 0.5**2)).sum())
+    assert found[-1] == pytest.approx(last, abs=1e-12)
+
+
 def test_path_sizes_are_those_worked_out_by_hand() -> None:
     np.testing.assert_allclose(own_feature(PATH_SIZE, PATHS), np.log([0.75, 0.75, 1]))
     # of the four draws, the second path is expected 0.4 times and counts 2.5; the third counts 25; the first is taken
