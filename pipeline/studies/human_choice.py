@@ -157,7 +157,10 @@ def _check_rows(choices: pl.DataFrame) -> None:
             )
     for trial in choices["trial"].unique().to_list():
         if trial not in TRIALS:
-            raise TableError(f"choices names the trial {trial!r}; allowed are {one_of(TRIALS)}.")
+            raise TableError(
+                f"choices names the trial {trial!r}; allowed are {one_of(TRIALS)}. Choices among motions of a task are "
+                "read by `lessbench survey weigh`."
+            )
     repeated = choices.filter(choices["participant"].is_duplicated())
     if repeated.height:
         raise TableError(

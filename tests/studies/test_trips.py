@@ -27,7 +27,7 @@ from pipeline.studies.trips.path_models import (
     own_feature,
 )
 from pipeline.studies.trips.roads import Roads
-from pipeline.studies.trips.study import PUBLISHED, folds_of, run_trips, summed_up
+from pipeline.studies.trips.study import PUBLISHED, START, folds_of, run_trips, summed_up
 from pipeline.studies.trips.town_map import town_map
 from pipeline.workspace.project import Project
 from tests.support.small_roads import write_small_roads
@@ -54,6 +54,23 @@ def test_weights_of_models_are_those_worked_out_by_hand() -> None:
     shared, apart = np.exp(-1 / (2 * 0.25)), np.exp(-2 / (2 * 0.25))  # squared distances 2 - 2 * 1/2 and 2
     sums = [1 + shared + apart, 1 + shared + apart, 1 + 2 * apart]
     np.testing.assert_allclose(log_weights(LESS_LINKS, PATHS, pool, KERNELS), -np.log(sums))
+
+
+@pytest.mark.parametrize(("count", "links"), [(1, 3), (257, 40), (1001, 90)])
+def test_the_density_over_shared_links_is_the_sum_over_all_pairs(count: int, links: int) -> None:
+    rng = np.random.default_rng(count)
+    used = rng.integers(0, 3, (count, links)).astype(float)
+    used[:, 0] = 1
+    paths = PathSet(
+        np.zeros((count, 1), dtype=np.intp), np.zeros((count, 1)), sparse.csr_array(used), np.zeros(count),
+        np.ones(count, dtype=np.int64), 0,
+    )  # fmt: skip
+    rows = used / np.linalg.norm(used, axis=1, keepdims=True)
+    expected = [np.log(np.exp(-((rows - row) ** 2).sum(axis=1) / (2 * 0.5**2)).sum()) for row in rows[:20]]
+    found = -log_weights(LESS_LINKS, paths, paths.features, KERNELS)
+    np.testing.assert_allclose(found[:20], expected, atol=1e-12)
+    last = np.log(np.exp(-((rows - rows[-1]) ** 2).sum(axis=1) / (2 * 0.5**2)).sum())
+    assert found[-1] == pytest.approx(last, abs=1e-12)
 
 
 def test_path_sizes_are_those_worked_out_by_hand() -> None:
@@ -121,9 +138,11 @@ def test_without_trips_the_study_says_how_to_import_some(tmp_path: Path) -> None
 
 def test_the_exact_likelihood_of_the_published_weights(shared: Path) -> None:
     read = read_trips(shared / "real" / "borlange")
-    value, gradient = Roads.of(read.network, read.observed).recursive_logit().gradient(PUBLISHED, np.ones(1832))
+    logit = Roads.of(read.network, read.observed).recursive_logit()
+    value, gradient = logit.gradient(PUBLISHED, np.ones(1832))
     assert value == pytest.approx(-6302.93, rel=1e-6)
     assert np.abs(gradient).max() < 5
+    np.testing.assert_allclose(logit.estimate(START).weights, PUBLISHED, rtol=0.01)
 
 
 def test_the_map_of_a_square_is_a_square() -> None:
