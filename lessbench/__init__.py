@@ -9,6 +9,7 @@ names `pipeline` and `schemas` mean its own.
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,12 @@ _CODE = _HERE / "_code" if (_HERE / "_code").is_dir() else _HERE.parent
 _OFFERED = {"Motion": "pipeline.replay", "feature": "pipeline.replay"}
 
 
+def _asked_for() -> bool:
+    """Whether PYTHONPATH names a project with code of its own, which is then what runs (`pipeline.cli.own_code`)."""
+    places = filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))
+    return any((Path(place) / "pipeline" / "stages" / "registry.py").is_file() for place in places)
+
+
 def _make_importable() -> None:
     """Let `pipeline` and `schemas` be found in the folder of this package's code.
 
@@ -25,6 +32,8 @@ def _make_importable() -> None:
         ImportError: another package called `pipeline` is imported already.
     """
     loaded = sys.modules.get("pipeline")
+    if loaded is None and _asked_for():
+        return
     if loaded is None:
         sys.path.insert(0, str(_CODE))
         loaded = importlib.import_module("pipeline")

@@ -128,11 +128,11 @@ def test_a_file_whose_question_fails_on_the_way_is_not_there(catalog: Path, tmp_
         ),
         ("from posteriors where task = 'a' and beta = 7", ""),
         ("from posteriors where beta = 7", ""),
-        ("select count(*) from posteriors where task == 'b'", "the catalog has no task 'b'; it has a\n"),
+        ("select count(*) from posteriors where task == 'b'", f"the catalog has no task 'b'; it has a; {ANEW}\n"),
         ("select count(*) from posteriors where task == 'a'", ""),
         (
             "from posteriors where task in ( 'b' , 'c')",
-            "the catalog has no task 'b'; it has a\nthe catalog has no task 'c'; it has a\n",
+            f"the catalog has no task 'b'; it has a; {ANEW}\nthe catalog has no task 'c'; it has a; {ANEW}\n",
         ),
     ],
 )
