@@ -126,7 +126,8 @@ def test_views_are_there_for_the_tables_that_are(catalog: Path) -> None:
     }  # fmt: skip
 
 
-TABLES = ("posteriors", "held_out", "demonstrations", "rejected", "scales")
+SAID = ("weights_summary", "answers", "predictions")
+TABLES = ("posteriors", "held_out", "demonstrations", "rejected", "scales", *SAID)
 KEYS = ("task", "demonstration_id", "participant", "model", "set_size", "set_id")
 HALF, NARROW = [0.5, 0.5], [0.9, 0.1]
 # theta 0 and 1 with one beta: two sets that disagree about `ana`, one that shows all together
@@ -167,6 +168,8 @@ def whole(tmp_path: Path) -> Path:
         "rejected": pl.DataFrame({"source": ["cut.mcap"], "reason": "truncated", "detail": "It ends too soon."}),
         "scales": sample_of("scales", 2).with_columns(feature=pl.Series(["z", "a"]), scale=1.0),
     }  # fmt: skip
+    tables |= {name: sample_of(name, 1).with_columns(task=pl.lit("t")) for name in SAID}
+    tables["weights_summary"] = tables["weights_summary"].with_columns(participant=pl.lit("all"))
     sources = []
     for name, table in tables.items():
         write_table(tmp_path / f"{name}.parquet", name, table, {})
