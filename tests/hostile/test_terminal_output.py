@@ -92,7 +92,7 @@ COMMANDS: dict[tuple[str, ...], list[list[str]]] = {
     ("init",): [[f"out/{FILE}"], [EVIL]],
     ("inspect-project",): [["."], [EVIL]],
     ("trust",): [["."], [EVIL]],
-    ("survey",): [["--study", EVIL], ["--choices", f"{EVIL}/c.csv"], ["--words", EVIL], ["--bind", EVIL]],
+    ("survey",): [["--study", EVIL], ["--choices", f"{EVIL}.none/c.csv"], ["--words", EVIL], ["--bind", EVIL]],
     ("survey", "design"): [
         ["--out", f"{EVIL}/d.yaml"], [EVIL], ["sweep", "--out", f"{FILE}.xml"],
         ["sweep", "--out", f"{FILE}design.yaml"],

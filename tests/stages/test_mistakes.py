@@ -183,7 +183,7 @@ def test_a_new_task_for_somebody_elses_arm(make_project: Make, parameters: dict[
     project = make_project(parameters)
     done = run(project, "new-task", "wave", "--scene", "gantry.xml", "--recordings", "mine")
     assert done.returncode == 0, done.stderr
-    assert "dvc repro inspect@wave" in done.stdout
+    assert "then run: lessbench run wave" in done.stdout  # without dvc.yaml
     fresh = Project(project.root)
     assert fresh.params.task("wave").end_effector == "tip"
     for stage in (ingest, sample, featurize, density, infer):
