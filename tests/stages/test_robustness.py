@@ -158,7 +158,7 @@ def run(project: Project, *words: str) -> subprocess.CompletedProcess[str]:
 MISTAKES: dict[str, tuple[tuple[str, ...], str]] = {
     "no such study": (
         ("study", "astrology"),
-        "no study 'astrology'; there are grid-world, human-choice, redraws, robustness",
+        "no study 'astrology'; there are grid-world, human-choice, redraws, regimes, robustness",
     ),
     "no task": (("study", "robustness"), "robustness needs a task; there are sweep"),
     "a task too much": (("study", "grid-world", "sweep"), "grid-world takes no task; leave 'sweep' out"),
