@@ -38,7 +38,7 @@ MODELS: Mapping[str, str] = {
 
 # Regimes of the robustness study: how the sets of alternatives that are compared came about.
 INDEPENDENT, SAMPLER_SHIFT, KNOWN_DENSITY = "independent", "sampler-shift", "known-density"
-WITH_OPTIMA, EXPLORED_SPACE = "with-optima", "explored"
+WITH_OPTIMA, EXPLORED_SPACE = "with-optima", "explored-space"
 
 REGIMES: Mapping[str, str] = {
     INDEPENDENT: "one sampler",

@@ -25,9 +25,10 @@ vocabulary.INFERRED_MODELS = {**vocabulary.INFERRED_MODELS, "first-only": "first
 from pathlib import Path
 from pipeline import params
 from pipeline.choice import infer
-from pipeline.choice.models import WeightedSet, _Weighing, choice_model
+from pipeline.choice.models import ChoiceModel, WeightedSet, choice_model
 
-class FirstOnly(_Weighing):
+class FirstOnly(ChoiceModel):
+    __module__ = ChoiceModel.__module__  # as if it stood there
     name: ClassVar[str] = "first-only"
     def weigh(self, compared: Any) -> WeightedSet:
         weights = np.where(np.arange(len(compared)) == 0, 0.0, -50.0)

@@ -34,13 +34,13 @@ def compared(make_project: Make, parameters: dict[str, Any]) -> Project:
 
 def test_regimes_of_a_small_arm(compared: Project, parameters: dict[str, Any]) -> None:
     rows, robust = table(compared, "regimes"), table(compared, "robustness")
-    assert {"independent", "sampler-shift", "with-optima", "explored"} <= set(rows["regime"])
+    assert {"independent", "sampler-shift", "with-optima", "explored-space"} <= set(rows["regime"])
     # the sets of the robustness study are as it has them
     keys = ["regime", "model", "set_size", "demonstration_id", "participant"]
     both = robust.join(rows, on=keys, suffix="_here")
     assert both.height == robust.height
     np.testing.assert_array_equal(both["kl_mean"], both["kl_mean_here"])
-    explored = rows.filter(regime="explored")
+    explored = rows.filter(regime="explored-space")
     samplers = len(parameters["robustness"]["samplers"])
     assert set(explored["sets"]) == {samplers}
     assert set(explored["set_size"]) == {0}
@@ -56,7 +56,7 @@ def test_regimes_of_a_small_arm(compared: Project, parameters: dict[str, Any]) -
     calibration = table(compared, "regimes_calibration")
     assert set(calibration["choices"]) == {1, 3}
     assert set(calibration["true_beta"]) == set(parameters["infer"]["betas"])
-    assert calibration.filter(regime="explored")["sets"].to_list() == [samplers] * 2 * 2 * len(
+    assert calibration.filter(regime="explored-space")["sets"].to_list() == [samplers] * 2 * 2 * len(
         parameters["infer"]["betas"]
     )  # fmt: skip
     held_out = table(compared, "regimes_held_out")
