@@ -9,7 +9,6 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
-from pipeline.choice.explored import log_states, region_log_likelihood
 from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import empty_table, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
@@ -25,6 +24,7 @@ from pipeline.studies.robustness.redraws import (
     Measured,
     Redraw,
     by_demonstration,
+    density_likelihood,
     explored_scores,
     held_out_leads,
     leads,
@@ -184,9 +184,7 @@ def _over_the_space(tables: TaskTables, people: Demonstrations, thetas: FloatArr
     found: dict[str, list[FloatArray]] = {BOLTZMANN: [], LESS: []}
     for (_, model), part in rows.group_by("exploration", "model", maintain_order=True):
         phi, log_w = part["features"].to_numpy(), part["log_weight"].to_numpy()
-        values = region_log_likelihood(people.features, phi, log_w, thetas, betas)
-        if model == BOLTZMANN:
-            values = values + log_states(people.features, phi, log_w, cell)[:, None, None]
+        values = density_likelihood(str(model), people.features, phi, log_w, cell, thetas, betas)
         found[str(model)].append(values)
     if not (found[BOLTZMANN] and found[LESS]):
         return no_scores()

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray, IntArray
-from pipeline.choice.explored import log_states, region_log_likelihood
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.errors import StageError
-from pipeline.formats.parquet.tables import empty_table, write_table
+from pipeline.formats.parquet.tables import write_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Regimes
 from pipeline.replay.scene import model_hash, scene_files
@@ -29,7 +28,7 @@ from pipeline.studies.robustness.problem import (
     select_bandwidths,
     theta_marginals,
 )
-from pipeline.studies.robustness.redraws import explored_scores, held_out_leads
+from pipeline.studies.robustness.redraws import density_likelihood, explored_scores, held_out_leads
 from pipeline.studies.robustness.regimes import (
     MOST_THETAS,
     judged_by_set,
@@ -178,7 +177,7 @@ def run(project: Project, name: str) -> None:
         labels = sorted({one.set_id for one in sets[SAMPLER_SHIFT]})
         plan = plan_of(project, task, given, _seeds(tables, labels))
         everyone = list(range(len(people.ids)))
-        plan = Plan(**{**vars(plan), "groups": [*([row] for row in everyone), everyone]})
+        plan = replace(plan, groups=[*([row] for row in everyone), everyone])
         jobs = [Planned(plan.declared, problem.thetas, settings.optima, label, plan.seed) for label in labels]
         optima = dict(zip(labels, pool.mapped(planned_features, jobs, f"regimes {name}: planned paths"), strict=True))
         sets[WITH_OPTIMA] = tuple(_joined(one, optima[one.set_id]) for one in sets[SAMPLER_SHIFT])
@@ -198,7 +197,6 @@ def run(project: Project, name: str) -> None:
             "regimes_held_out": _held_out(people, plan, found),
         }
         for table, content in made.items():
-            content = content if content.width else empty_table(table, {})
             write_table(project.table(name, table), table, content, stated)
         record.produced = f"{len(labels)} samplers and as many explorations compared"
 
@@ -289,16 +287,14 @@ def _calibrated(pool: Workers, problem: Problem, found: Explored, project: Proje
 
 def _held_out(people: Demonstrations, plan: Plan, found: Explored) -> pl.DataFrame:
     """The lead of each model in held-out score over explorations and people, as densities of the scaled features."""
-    likelihoods: Mapping[str, list[FloatArray]] = {
+    asked = plan.asked
+    likelihoods = {
         model: [
-            region_log_likelihood(people.features, one.features, one.log_w, plan.asked.thetas, plan.asked.betas)
-            + (
-                log_states(people.features, one.features, one.log_w, plan.cell)[:, None, None]
-                if model == BOLTZMANN
-                else 0.0
+            density_likelihood(
+                model, people.features, one.features, one.log_w, plan.cell, asked.thetas, asked.betas
             )
             for one in found.models[model].rows
         ]
         for model in MODELS
-    }
-    return held_out_leads(explored_scores(people, likelihoods, plan.asked.betas))
+    }  # fmt: skip
+    return held_out_leads(explored_scores(people, likelihoods, asked.betas))

@@ -17,7 +17,7 @@ import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.choice import log_likelihood, select_bandwidth
-from pipeline.choice.explored import PooledLESS
+from pipeline.choice.explored import PooledLESS, log_states, region_log_likelihood
 from pipeline.choice.held_out import held_out_from
 from pipeline.choice.nested_logit import nested_log_likelihood, nests_of
 from pipeline.studies.robustness.divergence import measures
@@ -317,6 +317,26 @@ def by_demonstration(scores: pl.DataFrame) -> pl.DataFrame:
     return scores.group_by(*keys, maintain_order=True).agg(
         pl.col("score").mean(), pl.col("score").std().alias("sd_draws")
     )
+
+
+def density_likelihood(
+    model: str, phi: FloatArray, rows: FloatArray, log_w: FloatArray, cell: float, thetas: FloatArray, betas: FloatArray
+) -> FloatArray:
+    """(n, K, B) log densities of demonstrations over an explored choice space, with respect to the scaled features.
+
+    Boltzmann's, which are with respect to the base measure, get the density of states there, so that models compare.
+
+    Args:
+        model: BOLTZMANN or LESS.
+        phi: (n, F) scaled features of the demonstrations.
+        rows: (M, F) what stands for the space.
+        log_w: (M,) its log weights under the model.
+        cell: width of a cell, and of the kernel.
+        thetas: (K, F).
+        betas: (B,).
+    """
+    values = region_log_likelihood(phi, rows, log_w, thetas, betas)
+    return values + log_states(phi, rows, log_w, cell)[:, None, None] if model == BOLTZMANN else values
 
 
 def explored_scores(
