@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +13,8 @@ from hypothesis import settings
 from tests.support.gantry_project import make_project, parameters
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from tests.support.kills import Undisturbed
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -20,6 +24,17 @@ __all__ = ["make_project", "parameters"]  # fixtures
 # The same examples in every run; a noisy machine is no failure.
 settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
 settings.load_profile("repeatable")
+
+
+@pytest.fixture(autouse=True)
+def process_as_it_was() -> Iterator[None]:
+    """The environment and the exception hook, which `main` sets for its whole process, as they were before the test."""
+    environment, hook = dict(os.environ), sys.excepthook
+    yield
+    if dict(os.environ) != environment:
+        os.environ.clear()
+        os.environ.update(environment)
+    sys.excepthook = hook
 
 
 @pytest.fixture(scope="session")
