@@ -12,11 +12,10 @@ from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.models import Model
 from pipeline.errors import StageError
 from pipeline.formats.parquet.task_tables import TaskTables
-from pipeline.stages.answer import NEEDED
 from pipeline.terminal import say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.vocabulary import TASK_ANCHOR, model_name
-from pipeline.workspace.choice_sets import read_choices
+from pipeline.workspace.choice_sets import choice_tables, read_choices
 from pipeline.workspace.project import Project
 
 ODDS = 10
@@ -49,7 +48,7 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
             f"tasks.{name}.anchor is {task.anchor}: each demonstration has alternatives of its own, and people are "
             "simulated on alternatives that all share; set it to task"
         )
-    with TaskTables(project.tables(name, NEEDED)) as tables:
+    with TaskTables(choice_tables(project, name)) as tables:
         tables.check()
         chosen = read_choices(tables)
     own = chosen.sets[TASK_ANCHOR]
