@@ -49,7 +49,7 @@ def test_a_design_is_served_as_it_is_and_the_same_again(
 ) -> None:
     first = made(project, tmp_path / "one.yaml")
     said = capsys.readouterr().out
-    assert "3 sets of 3 motions of sweep, of 80 that were looked at" in said
+    assert "3 sets of 3 motions of sweep, picked from 80" in said
     assert said.count("people show it (likelihood ratio test, power 0.8, level 0.05)") == 2
     assert [len(trial.options) for trial in first.trials.values()] == [3, 3, 3]
     made(project, tmp_path / "two.yaml")
