@@ -270,5 +270,5 @@ def recover() -> None:
     """
     from pipeline.commands.recover import recover
 
-    for line in recover(this_project()) or ["nothing to mend"]:
+    for line in recover(this_project()) or ["nothing to repair"]:
         say(line)

@@ -89,7 +89,7 @@ def _finite(value: Any) -> Any:
 
 def report(found: Enough) -> None:
     """Say it."""
-    say(f"{found.task}: answers are steady if they differ by at most {found.tolerance:g} nats a pair")
+    say(f"{found.task}: answers agree if they differ by at most {found.tolerance:g} nats a pair")
     say("explored choice space" + (f": not explored, {found.reason}" if found.reason else ""))
     for one in found.evaluations:
         say(f"  {model_name(one.model)}: {_explored(one)}")
