@@ -73,14 +73,14 @@ def lines(name: str, found: Calibration, demonstrations: int, alternatives: int)
         narrow = float((np.degrees(own.cap) <= APART_DEG).mean())
         said += [
             f"if people choose by {model_name(label)}:",
-            f"  {model_name(label)} is favoured in {_percent(told.favoured)}, by {ODDS} to 1 in "
-            f"{_percent(told.told(ODDS))}; {model_name(other)} by {ODDS} to 1, wrongly, in "
+            f"  {model_name(label)} is favoured in {_percent(told.favoured)} of the repetitions, by {ODDS} to 1 or "
+            f"more in {_percent(told.told(ODDS))}; {model_name(other)} is wrongly favoured by {ODDS} to 1 or more in "
             f"{_percent(told.misled(ODDS))}",
             f"  the direction found is {np.degrees(np.median(own.angle)):.0f} degrees from the true one (median); the "
-            f"angle said to hold it with probability {LEVEL:g} is {np.degrees(np.median(own.cap)):.0f} and holds it in "
-            f"{_percent(own.coverage())}",
-            f"  weights {APART_DEG:.0f} degrees apart are told from each other in {_percent(narrow)}",
-            f"  under {model_name(other)} the angle would hold it in "
+            f"angle that should hold it with probability {LEVEL:g} is {np.degrees(np.median(own.cap)):.0f}, and holds "
+            f"it in {_percent(own.coverage())}",
+            f"  weights {APART_DEG:.0f} degrees apart can be told from each other in {_percent(narrow)}",
+            f"  if {model_name(other)} infers, the angle holds it in "
             f"{_percent(found.recoveries[label, other].coverage())}",
         ]
     verdict = min(found.comparison(label, other).told(ODDS) for label, other in zip(labels, labels[::-1], strict=True))

@@ -197,22 +197,23 @@ def _lines(
         f"{name}: the motion that is best for {wanted.person or 'someone new'} under {model_name(wanted.model)}, "
         f"{duration_s:.1f} s",
         f"  {places}",
-        f"  expected reward: {plan.expected_reward - best:+.2f} nat beside the best alternative",
-        f"  expected regret for not knowing the weights: {plan.expected_regret:.2f} nat (90 % below {most:.2f})",
-        f"  for other weights that are believed in the best motion is {plan.change.min():.2f} to "
-        f"{plan.change.max():.2f} rad away (root mean square)",
+        f"  expected reward: {plan.expected_reward - best:+.2f} nat more than the best alternative",
+        f"  expected loss from not knowing the weights: {plan.expected_regret:.2f} nat (90 % probable: below "
+        f"{most:.2f})",
+        f"  for other plausible weights, the best motion is {plan.change.min():.2f} to {plan.change.max():.2f} rad "
+        "away from this one (root mean square)",
     ]
 
 
 def _clear(room: Room, wanted: Wanted, clear: bool, states: TimedMotion, scene: Scene) -> list[str]:
     within = bool(((states.positions >= scene.lower) & (states.positions <= scene.upper)).all())
     looked = ["limits", *(["surface"] if room.top else []), *(["contacts"] if room.contacts else [])]
-    said = f"{STATES_HZ} poses a second were looked at ({', '.join(looked)})"
-    lines = [f"  {said}: nothing is touched or passed"]
+    said = f"{STATES_HZ} poses a second were checked ({', '.join(looked)})"
+    lines = [f"  {said}: no contact, and no limit is passed"]
     if not (clear and within):
-        lines = [f"  careful: between its waypoints the motion passes what it may not; {said}"]
+        lines = [f"  careful: between its waypoints the motion passes a limit or has a contact; {said}"]
     if wanted.contacts and room.contacts is None:
-        lines.append("  contacts were not looked at: no geom of the arm can touch another (contype and conaffinity)")
+        lines.append("  contacts were not checked: no geom of the arm can touch another (contype and conaffinity)")
     return lines
 
 
