@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 TASK_FIGURES: Mapping[str, str] = {
     "posterior": "What all demonstrations together say: the posterior over the weights under each model, summed over "
-    "beta. It rests on the explored choice space where there is one.",
+    'beta. It rests on the explored choice space where there is one. "true" is nearest to what simulated people want.',
     "held_out": "How well each model predicts a demonstration from all others: log predictive probability, and how "
     "much better than Boltzmann. Dots are demonstrations, bars one standard error of the mean.",
     "density_map": "Density of the alternatives over the two features that weigh most, with the demonstrations.",
