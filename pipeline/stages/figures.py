@@ -1,4 +1,4 @@
-"""Stage: the figures of a task, as SVG and PNG, and its headline numbers, from the tables alone."""
+"""Stage: the figures of a task, and its headline numbers, from its tables and its scene."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import read_table
 from pipeline.formats.parquet.task_tables import TaskTables
+from pipeline.replay.picture import named_things, take_picture
+from pipeline.replay.replay import body_positions
+from pipeline.replay.scene import Scene
 from pipeline.studies.robustness.samplings import COMPARED
 from pipeline.views.figures.folder import write_figures
 from pipeline.views.figures.held_out import held_out_figure
@@ -22,7 +25,8 @@ from pipeline.views.figures.robustness import (
     sensitivity_figure,
     two_posteriors_figure,
 )
-from pipeline.views.figures.style import Figure, with_unit
+from pipeline.views.figures.scene import HEIGHT, WIDTH, scene_figure
+from pipeline.views.figures.style import Figure, printed, with_unit
 from pipeline.views.figures.task import (
     before_after_figure,
     densities_figure,
@@ -36,6 +40,7 @@ from pipeline.views.robustness import Example, accuracy, entropies, example, mid
 from pipeline.views.task_view import INPUTS, TaskView, task_view
 from pipeline.vocabulary import ALL, BOLTZMANN, KNOWN_DENSITY, LESS, SAMPLER_SHIFT, WORKING
 from pipeline.workspace.project import Project, recorded_run
+from pipeline.workspace.scenes import load_task_scene
 
 BOTH = (BOLTZMANN, LESS)
 EXPLORED_TABLES = ("explored", "shifted_features")
@@ -48,15 +53,17 @@ ROBUSTNESS = (
 
 def run(project: Project, name: str) -> None:
     """Write the figures and metrics.json of the task `name`."""
-    project.params.task(name)
+    task = project.params.task(name)
     with (
         recorded_run(project, "figures", name, (project.figures(name), project.metrics(name))) as record,
+        printed(project.params.figures),
         TaskTables(project.tables(name, INPUTS)) as inputs,
         TaskTables(project.tables(name, ("held_out", "rejected", *ROBUSTNESS))) as results,
     ):
         view = task_view(inputs, project.table(name, "explored_posteriors"))
         final = {model: steps[-1].marginal_theta for model, steps in view.beliefs.items()}
         figures = {
+            "scene": _scene(load_task_scene(project, task), view.demonstrations["waypoints"].to_numpy()),
             "densities": densities_figure(view.curves),
             "density_map": map_figure(view.map),
             "posterior": posterior_figure(final, view.labels, view.meaning, view.over),
@@ -82,6 +89,13 @@ def run(project: Project, name: str) -> None:
         numbers = task_headline(beliefs, view.labels, held_out, summary, recordings, view.fits, view.resting_on)
         write_figures(project, name, figures, numbers)
         record.produced = f"{len(figures)} figures"
+
+
+def _scene(scene: Scene, waypoints: FloatArray) -> Figure:
+    """The arm where motions start, by the scene's keyframe or as the first demonstration (n, T, J) does."""
+    paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
+    start = waypoints[0, 0] if scene.start is None else scene.start
+    return scene_figure(take_picture(scene, start, paths.reshape(-1, 3), WIDTH, HEIGHT), paths, named_things(scene))
 
 
 def _robustness(tables: TaskTables, labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:

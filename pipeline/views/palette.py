@@ -35,6 +35,7 @@ GROUND: RGB = (74, 78, 86)
 
 MODELS: dict[str, RGB] = {
     vocabulary.BOLTZMANN: BLUE, vocabulary.LESS: ORANGE, vocabulary.ATTRIBUTE_RULE: GREEN, vocabulary.PATH_SIZE: SKY,
+    vocabulary.BOLTZMANN_WEIGHTED: VERMILLION, vocabulary.LESS_CLEAN_BANDWIDTH: GREEN,
 }  # fmt: skip
 _OTHER_MODELS = (VERMILLION, YELLOW)
 DEMONSTRATION = PINK

@@ -25,7 +25,9 @@ TASK_FIGURES: Mapping[str, str] = {
     "sensitivity": "KLAggregate and entropy when one setting of the study is changed. An arrow marks a value "
     "outside the panel.",
 }
-EXPLORED_FIGURES: Mapping[str, str] = {
+FURTHER_FIGURES: Mapping[str, str] = {
+    "scene": "The scene, with the arm where motions start, and where people led its end effector. Dotted is "
+    "what something hides.",
     "predicted": "What the next person is predicted to do: for each feature the median and the interval of probability "
     "0.9 under each model, and what people did (ticks).",
     "regions": "Where each sampler of the study draws, and what the choice space reaches, along the two features that "
@@ -33,7 +35,7 @@ EXPLORED_FIGURES: Mapping[str, str] = {
     "ten_posteriors": "The posterior of the first demonstration from each sampler's largest set, and from each "
     "exploration of the choice space. Where lines coincide, they agree.",
 }
-"""Shown in the report, beside the others."""
+"""Shown in the report beside the others, and not by `dvc plots`."""
 STUDY_FIGURES: Mapping[str, str] = {
     "human_choice": "What people chose, and what each model predicts. Bars are exact 95 % intervals of the observed "
     "share.",
@@ -44,3 +46,4 @@ STUDY_FIGURES: Mapping[str, str] = {
     "side by side.",
     "grid_world_density": "Density of all paths along each feature and over both, with the two sets.",
 }
+CAPTIONS = {**TASK_FIGURES, **FURTHER_FIGURES, **STUDY_FIGURES}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pipeline.views.figures.style import INK, TEXT_IN, in_style, model_color, new_figure, with_unit
+from pipeline.views.figures.style import INK, TEXT, in_style, model_color, new_figure, with_unit
 from pipeline.vocabulary import model_name
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def predicted_figure(
         demonstrations: (n, F) raw values.
     """
     models = predictions["model"].unique(maintain_order=True).to_list()
-    figure = new_figure(TEXT_IN, 0.8 + 0.22 * len(models))
+    figure = new_figure(TEXT, 0.8 + 0.22 * len(models))
     panels = figure.subplots(1, len(features), squeeze=False)[0]
     for column, (axes, feature) in enumerate(zip(panels, features, strict=True)):
         for row, model in enumerate(models):

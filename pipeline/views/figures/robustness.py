@@ -12,8 +12,7 @@ from matplotlib.ticker import NullLocator
 
 from pipeline.views import palette
 from pipeline.views.figures.style import (
-    TEXT_IN,
-    TITLE_POINTS,
+    TEXT,
     color,
     in_style,
     model_color,
@@ -55,7 +54,7 @@ def kl_figure(summary: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMP
         summary: the table `robustness_summary` of one task.
         regimes: the regimes to show.
     """
-    figure = new_figure(TEXT_IN, 3.8)
+    figure = new_figure(TEXT, 3.8)
     axes = figure.subplots(len(KINDS), len(regimes), squeeze=False, sharex=True, sharey="row")
     for row, kind in zip(axes, KINDS, strict=True):
         for ax, regime in zip(row, regimes, strict=True):
@@ -79,7 +78,7 @@ def importance_figure(summary: pl.DataFrame, accuracy: pl.DataFrame, sets: pl.Da
         accuracy: the result of `pipeline.views.robustness.accuracy`; without rows there is no panel of angles.
         sets: the table `robustness_sets`.
     """
-    figure = new_figure(TEXT_IN, 2.3)
+    figure = new_figure(TEXT, 2.3)
     axes = figure.subplots(1, 4 if accuracy.height else 3, sharex=True)
     with_density = summary.filter(regime=KNOWN_DENSITY)
     for ax, kind in zip(axes, KINDS, strict=False):
@@ -111,7 +110,7 @@ def accuracy_figure(accuracy: pl.DataFrame, hypotheses: int) -> Figure:
         hypotheses: number of thetas, which gives the level of chance.
     """
     panels = [(kind, regime) for kind in KINDS for regime in (INDEPENDENT, SAMPLER_SHIFT)]
-    figure = new_figure(TEXT_IN, 3.6)
+    figure = new_figure(TEXT, 3.6)
     axes = figure.subplots(2, len(panels), sharex=True)
     for column, (kind, regime) in enumerate(panels):
         rows = accuracy.filter(demonstrations=kind, regime=regime)
@@ -148,7 +147,7 @@ def two_posteriors_figure(
         meaning: what the numbers in the labels mean.
     """
     models = posteriors.filter(regime=next(iter(set_ids)))["model"].unique(maintain_order=True).to_list()
-    figure = new_figure(TEXT_IN, 2.0 + 1.1 * len(models))
+    figure = new_figure(TEXT, 2.0 + 1.1 * len(models))
     axes = figure.subplots(len(models), len(set_ids), squeeze=False, sharex=True, sharey=True)
     for column, (regime, pair) in enumerate(set_ids.items()):
         for ax, model in zip(axes[:, column], models, strict=True):
@@ -166,7 +165,7 @@ def two_posteriors_figure(
             probability_axis(ax, f"{model_name(model)}\nposterior" if ax is row[0] else "", None)
     demonstration, size = posteriors.select("demonstration_id", "set_size").row(0)
     about = f"demonstration {demonstration}, sets of {size:,} alternatives"
-    figure.suptitle(about, x=0.01, ha="left", fontsize=TITLE_POINTS)
+    figure.suptitle(about, x=0.01, ha="left")
     return figure
 
 
@@ -178,7 +177,7 @@ def duplicates_figure(summary: pl.DataFrame) -> Figure:
         summary: the table `duplicates_summary` of one task.
     """
     spreads = sorted(summary["spread"].unique())
-    figure = new_figure(TEXT_IN, 3.6)
+    figure = new_figure(TEXT, 3.6)
     axes = figure.subplots(len(KINDS), len(spreads), squeeze=False, sharex=True, sharey="row")
     for row, kind in zip(axes, KINDS, strict=True):
         rows = summary.filter(demonstrations=kind)
@@ -210,7 +209,7 @@ def sensitivity_figure(
     """
     settings = summary.select("choice", "setting").unique(maintain_order=True).rows()
     models = summary["model"].unique(maintain_order=True).to_list()
-    figure = new_figure(TEXT_IN, 1.0 + 0.16 * len(settings))
+    figure = new_figure(TEXT, 1.0 + 0.16 * len(settings))
     axes = figure.subplots(1, 2 * len(regimes), sharey=True)
     for place, regime in enumerate(regimes):
         for ax, table in ((axes[place], summary), (axes[place + len(regimes)], entropies)):
@@ -243,7 +242,6 @@ def sensitivity_figure(
     about = f"single demonstrations, sets of {summary['set_size'][0]:,} alternatives"
     figure.legend(
         handles=handles, loc="outside upper left", ncols=len(handles), title=about, alignment="left",
-        title_fontsize=TITLE_POINTS,
     )  # fmt: skip
     return figure
 

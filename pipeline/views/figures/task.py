@@ -9,9 +9,9 @@ from matplotlib.colors import PowerNorm
 
 from pipeline.views import palette
 from pipeline.views.figures.style import (
-    COLUMN_IN,
+    COLUMN,
     INK,
-    TEXT_IN,
+    TEXT,
     color,
     in_style,
     model_color,
@@ -42,7 +42,7 @@ def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
     """The density of the alternatives along each feature, with equal and with LESS weights, and the demonstrations."""
     across = min(3, len(curves))
     down = -(-len(curves) // across)
-    figure = new_figure(TEXT_IN if across > 1 else COLUMN_IN, 0.35 + 1.7 * down)
+    figure = new_figure(TEXT if across > 1 else COLUMN, 0.35 + 1.7 * down)
     axes = figure.subplots(down, across, squeeze=False).ravel()
     for ax, curve in zip(axes, curves, strict=False):
         top = float(max(curve.raw.max(), curve.adjusted.max()))
@@ -70,7 +70,7 @@ def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
 @in_style
 def map_figure(density: DensityMap) -> Figure:
     """The density of the alternatives over two features, with the demonstrations."""
-    figure = new_figure(COLUMN_IN, 2.4)
+    figure = new_figure(COLUMN, 2.4)
     ax = figure.subplots()
     half_x, half_y = (density.x[1] - density.x[0]) / 2, (density.y[1] - density.y[0]) / 2
     extent = (density.x[0] - half_x, density.x[-1] + half_x, density.y[0] - half_y, density.y[-1] + half_y)
@@ -107,7 +107,7 @@ def posterior_figure(
     order = np.argsort(-np.max(list(posteriors.values()), axis=0), kind="stable")[:_MOST_ROWS]
     names = [labels[k] for k in order]
     others = len(labels) - len(order)
-    figure = new_figure(COLUMN_IN, 0.9 + 0.19 * (len(names) + (others > 0)))
+    figure = new_figure(COLUMN, 0.9 + 0.19 * (len(names) + (others > 0)))
     ax = figure.subplots()
     height = 0.8 / len(models)
     for offset, (model, posterior) in enumerate(posteriors.items()):
@@ -141,7 +141,7 @@ def regions_figure(
         demonstrations: (n, 2) values.
         axes_labels: of the two features, with units.
     """
-    figure = new_figure(TEXT_IN, 3.4)
+    figure = new_figure(TEXT, 3.4)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     for number, (name, points) in enumerate(samplers.items()):
         left.plot(
@@ -181,7 +181,7 @@ def before_after_figure(
     models = tuple(explored)
     count = next(iter(sampled.values())).shape[0]
     runs = next(iter(explored.values())).shape[0]
-    figure = new_figure(TEXT_IN, 2.0 + 1.1 * len(models))
+    figure = new_figure(TEXT, 2.0 + 1.1 * len(models))
     axes = figure.subplots(len(models), 2, squeeze=False, sharex=True, sharey="row")
     x = np.arange(len(labels))
     for row, model in zip(axes, models, strict=True):
