@@ -21,7 +21,7 @@ from PIL import Image
 from rerun.experimental import ViewerClient
 
 from pipeline.views.rerun.recording import quiet_environment, viewer_command
-from pipeline.views.rerun.records import TIMELINE
+from pipeline.views.rerun.timelines import TIMELINE
 
 _START_S = 30.0
 # the viewer greets a software renderer with notices that stay for a few seconds

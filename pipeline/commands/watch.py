@@ -33,6 +33,7 @@ from pipeline.formats.parquet.tables import read_table, table_writer, write_tabl
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.formats.recordings.folders import Bag
 from pipeline.params import Task
+from pipeline.replay.along import along
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
@@ -44,11 +45,21 @@ from pipeline.studies.exploration import explored_posterior_rows
 from pipeline.studies.posteriors import PART_ROWS, Group, groups_of, hypotheses, posterior_parts
 from pipeline.terminal import plain, say
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.views.rerun.live_recording import Arrival, Beginning, Watched, watched
+from pipeline.views.feature_axis import FeatureAxis
+from pipeline.views.rerun.live_recording import Arrival, Beginning, Believed, Watched, watched
 from pipeline.views.rerun.records import AlternativeSet, Replay
 from pipeline.views.rerun.server import require_listening, server
-from pipeline.views.task_summary import density_map, replay_samples, theta_labels, theta_meaning
-from pipeline.views.task_view import ALTERNATIVE, EXPLORED, mean_posterior, over_what, read_waypoints
+from pipeline.views.task_summary import replay_samples, theta_labels, theta_meaning
+from pipeline.views.task_view import (
+    ALTERNATIVE,
+    EXPLORED,
+    axes_of,
+    map_on_axes,
+    mean_posterior,
+    over_what,
+    read_waypoints,
+)
+from pipeline.views.truth import known_truth
 from pipeline.vocabulary import TASK_ANCHOR, WORKING, model_name
 from pipeline.workspace.demonstrations import LONGEST_NAME, NAMED_BY, Intake, demonstration
 from pipeline.workspace.explored_space import ExploredSpace
@@ -85,7 +96,8 @@ class Setting:
     Attributes:
         name, task, scene: the task.
         intake: what its recordings are judged by.
-        features, units: names and units of the features.
+        features: names of the features.
+        axes: how they stand on an axis.
         scale: (F,) what raw values are divided by.
         raw: (N, F) raw values of the working set.
         bandwidth: of LESS on it.
@@ -103,7 +115,7 @@ class Setting:
     scene: Scene
     intake: Intake
     features: tuple[str, ...]
-    units: tuple[str, ...]
+    axes: tuple[FeatureAxis, ...]
     scale: FloatArray
     raw: FloatArray
     bandwidth: float
@@ -182,9 +194,10 @@ class Belief:
         return f", posteriors {said}" if explored else ""
 
     def on_map(self) -> FloatArray:
-        """(n, 2) raw values of the map's two features."""
+        """(n, 2) values of the map's two features, as they stand on its axes."""
         raw = np.array([self.raw[key] for key in sorted(self.rows)]).reshape(-1, len(self.setting.features))
-        return raw[:, _pair(self.setting)]
+        pair = _pair(self.setting)
+        return np.stack([self.setting.axes[f].shown(raw[:, f]) for f in pair], axis=1)
 
 
 def run(
@@ -298,7 +311,7 @@ def read_setting(project: Project, name: str) -> Setting:
         scene=scene,
         intake=intake,
         features=names,
-        units=tuple(scales["unit"]),
+        axes=axes_of(scales, waypoints.shape[1]),
         scale=scales["scale"].to_numpy(),
         raw=np.ascontiguousarray(features.select(names).to_numpy()),
         bandwidth=float(both["bandwidth"][0]),
@@ -368,7 +381,7 @@ def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict
         _tell("rejected", f"{name}: not used ({reason}): {detail.rstrip('.')}", file=name, reason=reason, detail=detail)
         if known:
             belief.drop(path.stem)
-            shown.remove(path.stem, belief.on_map(), *_marginals(belief))
+            shown.remove(path.stem, belief.on_map(), _believed(belief))
         return
     rejected.pop(path.name, None)
     setting = belief.setting
@@ -379,8 +392,11 @@ def _take(path: Path, project: Project, belief: Belief, rejected: dict[str, dict
             body_positions(setting.scene, row["waypoints"][None], [setting.scene.end_effector])[
                 setting.scene.end_effector
             ][0],
+            row["waypoints"],
+            along(setting.feature_set, row["waypoints"][None])[0],
+            belief.raw[row["demonstration_id"]],
             belief.on_map(),
-            *_marginals(belief),
+            _believed(belief),
         )
     )
     line = f"{len(belief.rows):>3} {path.name}{' again' if known else ''}: {'; '.join(_lines(belief))}"
@@ -399,7 +415,7 @@ def _forget(news: News, belief: Belief, shown: Watched) -> None:
     for path in news.gone:
         if path.stem in belief.rows:
             belief.drop(path.stem)
-            shown.remove(path.stem, belief.on_map(), *_marginals(belief))
+            shown.remove(path.stem, belief.on_map(), _believed(belief))
             line = f"{len(belief.rows):>3} {path.name} is gone: {'; '.join(_lines(belief))}"
             _tell("gone", line, file=path.name, demonstrations=len(belief.rows), models=_as_data(belief))
 
@@ -434,8 +450,8 @@ def _lines(belief: Belief) -> list[str]:
     return found
 
 
-def _marginals(belief: Belief) -> tuple[dict[str, FloatArray], str]:
-    """By model, the posterior over theta, and the text beside it."""
+def _believed(belief: Belief) -> Believed:
+    """By model, the posterior over theta, the text beside it, and the truth if it is known."""
     posteriors = {model: posterior.marginal_theta for model, posterior in belief.posteriors().items()}
     lines = [
         f"# {belief.setting.name}",
@@ -453,7 +469,10 @@ def _marginals(belief: Belief) -> tuple[dict[str, FloatArray], str]:
         "",
         *belief.setting.answer,
     ]
-    return posteriors, "\n".join(lines)
+    setting = belief.setting
+    stated = [row["true_theta"] for row in belief.rows.values()]
+    truth = known_truth(stated, setting.features, setting.scale, setting.thetas)
+    return Believed(posteriors, "\n".join(lines), None if truth is None else truth.nearest)
 
 
 @contextmanager
@@ -467,22 +486,19 @@ def _shown(partial: Path, setting: Setting, belief: Belief, address: Address | N
     poses = Replay(
         extract_geometry(setting.scene.model), positions, quaternions, samples.astype(np.float64), 0 * samples
     )
-    priors, summary = _marginals(belief)
     beginning = Beginning(
         task=setting.name,
         poses=poses,
         alternatives=setting.drawn,
-        map=density_map(
-            (setting.features[pair[0]], setting.features[pair[1]]),
-            (setting.units[pair[0]], setting.units[pair[1]]),
-            setting.raw[:, pair],
-            np.empty((0, 2)),
-            sigma[pair],
+        map=map_on_axes(
+            (setting.axes[pair[0]], setting.axes[pair[1]]), setting.raw[:, pair], np.empty((0, 2)), sigma[pair]
         ),
         theta_labels=theta_labels(setting.thetas, setting.features),
         theta_meaning=theta_meaning(setting.thetas),
-        priors=priors,
-        summary=summary,
+        joints=setting.scene.joints,
+        joint_units=setting.scene.joint_units,
+        axes=setting.axes,
+        prior=_believed(belief),
     )
     with ExitStack() as stack:
         sinks = [] if address is None else [server(address)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, get_type_hints
 
@@ -42,6 +42,14 @@ class FeatureSet:
     directions: tuple[str, ...]
     over_time: tuple[str, ...]
     _functions: tuple[Callable[[Motion], FloatArray], ...]
+
+    def only(self, column: int) -> FeatureSet:
+        """One of the features alone."""
+        mine = slice(column, column + 1)
+        return replace(
+            self, names=self.names[mine], units=self.units[mine], directions=self.directions[mine],
+            over_time=self.over_time[mine], _functions=self._functions[mine],
+        )  # fmt: skip
 
     def evaluate(self, waypoints: FloatArray) -> FloatArray:
         """All features of all trajectories, in one replay.

@@ -71,6 +71,11 @@ class Scene:
         return self.limits.joints
 
     @property
+    def joint_units(self) -> tuple[str, ...]:
+        """(J,) unit of each joint's position."""
+        return tuple("m" if slides else "rad" for slides in self.slides)
+
+    @property
     def slides(self) -> BoolArray:
         """(J,) true where a joint slides (m), false where it turns (rad)."""
         return self.limits.slides

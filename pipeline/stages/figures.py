@@ -26,7 +26,7 @@ from pipeline.views.figures.robustness import (
     two_posteriors_figure,
 )
 from pipeline.views.figures.scene import HEIGHT, WIDTH, scene_figure
-from pipeline.views.figures.style import Figure, printed, with_unit
+from pipeline.views.figures.style import Figure, printed
 from pipeline.views.figures.task import (
     before_after_figure,
     densities_figure,
@@ -66,7 +66,7 @@ def run(project: Project, name: str) -> None:
             "scene": _scene(load_task_scene(project, task), view.demonstrations["waypoints"].to_numpy()),
             "densities": densities_figure(view.curves),
             "density_map": map_figure(view.map),
-            "posterior": posterior_figure(final, view.labels, view.meaning, view.over),
+            "posterior": posterior_figure(final, view.labels, view.meaning, view.over, view.nearest_truth),
         }
         held_out = results["held_out"].read(where=pl.col("set_id") == WORKING)
         if held_out.height:
@@ -75,7 +75,7 @@ def run(project: Project, name: str) -> None:
         if predictions.exists():
             following = read_table(predictions, "predictions").filter(kind="next")
             if following.height:
-                figures["predicted"] = predicted_figure(following, view.features, view.units, view.demonstration_phi)
+                figures["predicted"] = predicted_figure(following, view.axes, view.demonstration_phi)
         summary = None
         if project.table(name, ROBUSTNESS[0]).exists():
             figures |= _robustness(results, view.labels, view.meaning)
@@ -134,17 +134,21 @@ def _explored(project: Project, name: str, view: TaskView, posteriors: OpenTable
         pair = [view.features[f] for f in (view.by_weight[0], view.by_weight[min(1, len(view.features) - 1)])]
         places = [view.features.index(feature) for feature in pair]
         largest = pl.col("set_size") == pl.col("set_size").max()
-        sets = drawn.read(["set_id", "set_size", *dict.fromkeys(pair)]).filter(largest)
-        first = region.filter(exploration=region["exploration"][0])["features"].to_numpy()[:, places]
+        sets = drawn.read(["set_id", "set_size", *view.features]).filter(largest)
+        first = region.filter(exploration=region["exploration"][0])["features"].to_numpy()
         one = view.demonstrations["demonstration_id"][0]
         shifted = (pl.col("regime") == SAMPLER_SHIFT) & (pl.col("demonstration_id") == one)
         sampled = posteriors.read(where=shifted & pl.col("model").is_in(BOTH)).filter(largest)
+    shown = {
+        str(key): view.shown(rows.select(view.features).to_numpy())[:, places]
+        for (key,), rows in sets.group_by("set_id", maintain_order=True)
+    }
     return {
         "regions": regions_figure(
-            {str(key): rows.select(pair).to_numpy() for (key,), rows in sets.group_by("set_id", maintain_order=True)},
-            first * view.scale[places],
-            view.demonstration_phi[:, places],
-            (with_unit(pair[0], view.units[places[0]]), with_unit(pair[1], view.units[places[1]])),
+            shown,
+            view.shown(first * view.scale)[:, places],
+            view.shown(view.demonstration_phi)[:, places],
+            (view.axes[places[0]].label, view.axes[places[1]].label),
         ),
         "ten_posteriors": before_after_figure(
             _marginals(sampled), {model: view.explorations[model] for model in BOTH}, view.labels, view.meaning

@@ -14,6 +14,8 @@ from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import read_table
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.params import Task
+from pipeline.replay.along import along
+from pipeline.replay.features import bind_features
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.replay.replay import body_positions
 from pipeline.replay.scene import Scene
@@ -21,12 +23,21 @@ from pipeline.studies.support import chance_notes
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.headline import in_words
 from pipeline.views.rerun.recording import write_inspection
-from pipeline.views.rerun.records import AlternativeSet, FeatureSpace, Inspection, Predicted, Replay
+from pipeline.views.rerun.records import (
+    AlternativeSet,
+    FeatureSpace,
+    Inspection,
+    Motions,
+    Predicted,
+    Replay,
+    Weights,
+)
 from pipeline.views.task_summary import replay_samples
 from pipeline.views.task_view import INPUTS, TaskView, read_waypoints, task_view
 from pipeline.vocabulary import ALL, BOLTZMANN, INDEPENDENT, LESS, SAMPLER_SHIFT, SINGLE, TASK_ANCHOR, WORKING
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.scenes import load_task_scene
+from pipeline.workspace.trust import register_task_kinds
 
 REGIMES, MODELS = (INDEPENDENT, SAMPLER_SHIFT), (BOLTZMANN, LESS)
 PATHS = 150  # of one set that are drawn; more hide each other and the scene
@@ -38,6 +49,7 @@ def run(project: Project, name: str) -> None:
     """Write inspect.rrd of the task `name`."""
     task = project.params.task(name)
     with recorded_run(project, "inspect", name, (project.datasets / name / "inspect.rrd",)) as record:
+        register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         path = project.datasets / name / "inspect.rrd"
         write_inspection(path, inspection(project, name, task, scene))
@@ -61,6 +73,7 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
         replay=replay_of(scene, paths, view.demonstrations["duration_s"].to_numpy()),
         demonstration_ids=tuple(view.demonstrations["demonstration_id"]),
         demonstration_paths=body_positions(scene, paths, [tip])[tip],
+        motions=_motions(task, scene, view, paths),
         alternatives=alternatives,
         curves=view.curves,
         map=view.map,
@@ -69,6 +82,8 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
         theta_meaning=view.meaning,
         posteriors={model: np.stack([b.marginal_theta for b in steps]) for model, steps in view.beliefs.items()},
         robustness=_robustness(project, name),
+        weights=_weights(project, name, view),
+        nearest_truth=view.nearest_truth,
         predicted=predicted,
         summary=_summary(project, name, task, view),
     )
@@ -120,6 +135,33 @@ def _predicted(project: Project, name: str, scene: Scene, table: OpenTable) -> d
     return found
 
 
+def _motions(task: Task, scene: Scene, view: TaskView, waypoints: FloatArray) -> Motions:
+    """The demonstrations along their waypoints."""
+    features = bind_features(scene, {feature: task.features[feature] for feature in view.features})
+    return Motions(
+        joints=scene.joints,
+        joint_units=scene.joint_units,
+        axes=view.axes,
+        waypoints=waypoints,
+        along=along(features, waypoints),
+        raw=view.demonstration_phi,
+    )
+
+
+def _weights(project: Project, name: str, view: TaskView) -> Weights | None:
+    """What everybody wants, by the models; nothing if nothing is concluded yet."""
+    path = project.table(name, "weights_summary")
+    if not path.exists():
+        return None
+    rows = read_table(path, "weights_summary").filter(kind="group", quantity="direction")
+    whole = [
+        part for part in rows.partition_by("model", maintain_order=True) if set(part["feature"]) == {*view.features}
+    ]
+    if not whole:
+        return None
+    return Weights(view.features, pl.concat(whole), None if view.truth is None else view.truth.mean)
+
+
 def _space(project: Project, name: str, view: TaskView) -> FeatureSpace | None:
     """The three features that the belief gives the largest weights, if there are as many."""
     if len(view.features) < AXES:
@@ -128,12 +170,21 @@ def _space(project: Project, name: str, view: TaskView) -> FeatureSpace | None:
     axes = [first, second, third]
     some = _some(project, len(view.phi), POINTS, "space")
     return FeatureSpace(
-        features=(view.features[first], view.features[second], view.features[third]),
-        units=(view.units[first], view.units[second], view.units[third]),
-        alternatives=view.phi[some][:, axes],
+        labels=(view.axes[first].label, view.axes[second].label, view.axes[third].label),
+        alternatives=view.shown(view.phi)[some][:, axes],
         log_weights=view.log_weights[some],
-        demonstrations=view.demonstration_phi[:, axes],
+        demonstrations=view.shown(view.demonstration_phi)[:, axes],
+        wanted={
+            model: _reward(view, steps[-1].marginal_theta @ steps[-1].thetas) for model, steps in view.beliefs.items()
+        },
+        truth=None if view.truth is None else _reward(view, view.truth.mean),
     )
+
+
+def _reward(view: TaskView, theta: FloatArray) -> FloatArray:
+    """(3,) the reward for each unit of the axes of the feature space, of weights (F,) on scaled features."""
+    per = np.array([axis.per for axis in view.axes])
+    return np.asarray((theta * per / view.scale)[list(view.by_weight[:AXES])])
 
 
 def _some(project: Project, count: int, most: int, *labels: str | int) -> IntArray:

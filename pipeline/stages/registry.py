@@ -204,14 +204,16 @@ STAGES = (
     Stage(
         "inspect", Scope.TASK, "inspect", "pipeline.stages.inspect",
         parameters=(
-            "seed", "tasks.{task}.end_effector", "tasks.{task}.recordings", "sample.sampler", "density.bandwidth",
+            "seed", "tasks.{task}.end_effector", "tasks.{task}.recordings", "tasks.{task}.features", "sample.sampler",
+            "density.bandwidth",
         ),
         reads=(
             "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
-            "fits", "explored_posteriors", "answers", "predicted_motion", "likely_paths",
+            "fits", "explored_posteriors", "answers", "predicted_motion", "likely_paths", "weights_summary",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/inspect.rrd",),
+        features=True,
     ),
     Stage(
         "human-choice", Scope.STUDIES, "study human-choice", "pipeline.stages.human_choice",

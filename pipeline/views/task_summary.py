@@ -30,7 +30,7 @@ class DensityCurve:
         raw: (G,) density per raw unit if every alternative has the same weight.
         adjusted: (G,) density per raw unit if each alternative has its LESS weight.
         demonstrations: (n,) raw values of the demonstrations.
-        over_time: how a value comes of a trajectory, such as `sum`; empty if that is not said.
+        over_time: how a value comes of a trajectory, in words such as `mean per waypoint`; empty if that is not said.
     """
 
     feature: str
@@ -53,7 +53,7 @@ class DensityMap:
         y: (H,) increasing, evenly spaced values of the second, in raw units.
         density: (H, G) density per raw unit of both, row h at `y[h]`, column g at `x[g]`.
         demonstrations: (n, 2) raw values of the demonstrations.
-        over_time: how values of both come of a trajectory, such as `sum`; empty if that is not said.
+        over_time: the same of both.
     """
 
     features: tuple[str, str]

@@ -15,6 +15,7 @@ from pipeline.choice.logspace import log_sum_exp
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import read_table
 from pipeline.formats.parquet.task_tables import TaskTables
+from pipeline.views.feature_axis import FeatureAxis, feature_axis
 from pipeline.views.task_summary import (
     DensityCurve,
     DensityMap,
@@ -23,6 +24,7 @@ from pipeline.views.task_summary import (
     theta_labels,
     theta_meaning,
 )
+from pipeline.views.truth import Truth, known_truth
 from pipeline.vocabulary import POOLED, WORKING, model_name
 
 ALTERNATIVE = ["alternative_id", "anchor", "sampler", "set_size", "set_id"]
@@ -39,7 +41,7 @@ class TaskView:
         phi: (N, F) raw feature values of these alternatives.
         demonstration_phi: (n, F) raw feature values of each demonstration.
         features: (F,) names of the features.
-        units: (F,) their units.
+        axes: (F,) how they stand on an axis.
         scale: (F,) what raw values are divided by.
         by_weight: (F,) indices of the features, by descending mean weight under the final posterior.
         log_weights: (N,) log weight of each alternative under LESS.
@@ -54,6 +56,7 @@ class TaskView:
         resting_on: for each model, what these rest on, `explored choice space` or the sampled `set of 1,000`.
         explorations: for each explored model, (R, K) the posterior over theta of the first demonstration, by run.
         fits: the table `fits`.
+        truth: what people truly want; None if that is not known.
     """
 
     demonstrations: pl.DataFrame
@@ -61,7 +64,7 @@ class TaskView:
     phi: FloatArray
     demonstration_phi: FloatArray
     features: tuple[str, ...]
-    units: tuple[str, ...]
+    axes: tuple[FeatureAxis, ...]
     scale: FloatArray
     by_weight: tuple[int, ...]
     log_weights: FloatArray
@@ -75,6 +78,16 @@ class TaskView:
     resting_on: tuple[str, ...]
     explorations: dict[str, FloatArray]
     fits: pl.DataFrame
+    truth: Truth | None
+
+    def shown(self, raw: FloatArray) -> FloatArray:
+        """Raw feature values (n, F) as they stand on the axes."""
+        return np.stack([axis.shown(raw[:, f]) for f, axis in enumerate(self.axes)], axis=1)
+
+    @property
+    def nearest_truth(self) -> int | None:
+        """The hypothesis nearest to the truth; None if that is not known."""
+        return None if self.truth is None else self.truth.nearest
 
     @property
     def over(self) -> str:
@@ -104,14 +117,14 @@ def task_view(tables: TaskTables, explored: Path) -> TaskView:
     beliefs = _with_explored(sampled, runs)
     final = list(beliefs.values())[-1][-1]
     order = _by_weight(final)
-    space = _feature_space(tables, demonstrations["demonstration_id"])
+    space = _feature_space(tables, demonstrations)
     return TaskView(
         demonstrations=demonstrations,
         alternatives=space.alternatives,
         phi=space.phi,
         demonstration_phi=space.demonstration_phi,
         features=space.names,
-        units=space.units,
+        axes=space.axes,
         scale=space.scale,
         by_weight=tuple(order),
         log_weights=space.log_weights,
@@ -128,6 +141,7 @@ def task_view(tables: TaskTables, explored: Path) -> TaskView:
         ),
         explorations={model: np.stack([run[1].marginal_theta for run in found]) for model, found in runs.items()},
         fits=tables["fits"].read(),
+        truth=known_truth(demonstrations["true_theta"], space.names, space.scale, final.thetas),
     )
 
 
@@ -138,8 +152,7 @@ class _FeatureSpace:
     alternatives: pl.DataFrame
     independent: pl.DataFrame
     names: tuple[str, ...]
-    units: tuple[str, ...]
-    over_time: tuple[str, ...]
+    axes: tuple[FeatureAxis, ...]
     scale: FloatArray
     phi: FloatArray
     demonstration_phi: FloatArray
@@ -148,27 +161,29 @@ class _FeatureSpace:
 
     def curve(self, f: int) -> DensityCurve:
         """The density along one feature."""
-        sigma = self.bandwidth * self.scale[f]
-        demonstrations = self.demonstration_phi[:, f]
+        axis = self.axes[f]
         return density_curve(
-            self.names[f], self.units[f], self.phi[:, f], demonstrations, sigma, self.log_weights,
-            over_time=self.over_time[f],
-        )  # fmt: skip
+            axis.feature,
+            axis.unit,
+            axis.shown(self.phi[:, f]),
+            axis.shown(self.demonstration_phi[:, f]),
+            float(axis.shown(self.bandwidth * self.scale[f])),
+            self.log_weights,
+            over_time=axis.said,
+        )
 
     def map(self, first: int, second: int) -> DensityMap:
         """The density over two features."""
         pair = [first, second]
-        return density_map(
-            (self.names[first], self.names[second]),
-            (self.units[first], self.units[second]),
+        return map_on_axes(
+            (self.axes[first], self.axes[second]),
             self.phi[:, pair],
             self.demonstration_phi[:, pair],
             self.bandwidth * self.scale[pair],
-            over_time=(self.over_time[first], self.over_time[second]),
         )
 
 
-def _feature_space(tables: TaskTables, demonstration_ids: pl.Series) -> _FeatureSpace:
+def _feature_space(tables: TaskTables, demonstrations: pl.DataFrame) -> _FeatureSpace:
     alternatives, independent = _with_first_anchor(tables["alternatives"].read(ALTERNATIVE))
     densities = tables["densities"].read(["alternative_id", "bandwidth", "log_density"])
     weighed = densities.select("alternative_id", "bandwidth", log_weight=-pl.col("log_density"))
@@ -180,14 +195,34 @@ def _feature_space(tables: TaskTables, demonstration_ids: pl.Series) -> _Feature
         alternatives=alternatives,
         independent=independent.join(weighed.drop("bandwidth"), on="alternative_id", maintain_order="left"),
         names=tuple(names),
-        units=tuple(scales["unit"]),
-        over_time=tuple(scales["over_time"]),
+        axes=axes_of(scales, demonstrations["waypoints"].to_numpy().shape[1]),
         scale=scales["scale"].to_numpy(),
         phi=_features_of(alternatives["alternative_id"], features, names),
-        demonstration_phi=_features_of(demonstration_ids, features, names),
+        demonstration_phi=_features_of(demonstrations["demonstration_id"], features, names),
         log_weights=working["log_weight"].to_numpy(),
         bandwidth=float(working["bandwidth"][0]),
     )
+
+
+def map_on_axes(
+    axes: tuple[FeatureAxis, FeatureAxis], alternatives: FloatArray, demonstrations: FloatArray, bandwidths: FloatArray
+) -> DensityMap:
+    """The density over two features, as they stand on their axes; other arguments raw, as in `density_map`."""
+    per = np.array([axis.per for axis in axes])
+    return density_map(
+        (axes[0].feature, axes[1].feature),
+        (axes[0].unit, axes[1].unit),
+        alternatives / per,
+        demonstrations / per,
+        bandwidths / per,
+        over_time=(axes[0].said, axes[1].said),
+    )
+
+
+def axes_of(scales: pl.DataFrame, waypoints: int) -> tuple[FeatureAxis, ...]:
+    """How the features of the table `scales` stand on an axis, of trajectories of so many waypoints."""
+    rows = scales.select("feature", "unit", "over_time").iter_rows()
+    return tuple(feature_axis(feature, unit, over_time, waypoints) for feature, unit, over_time in rows)
 
 
 def _beliefs(posteriors: OpenTable, demonstration_ids: tuple[str, ...]) -> dict[str, list[Posterior]]:

@@ -20,8 +20,8 @@ from pipeline.commands.serve import Live, claimed
 from pipeline.errors import StageError
 from pipeline.stages import density, featurize, infer, ingest, sample
 from pipeline.views.rerun.recording import quiet_environment, viewer_command
-from pipeline.views.rerun.records import TIMELINE
 from pipeline.views.rerun.server import Address, claim, open_beside, require_listening
+from pipeline.views.rerun.timelines import TIMELINE
 from pipeline.workspace.project import Project
 from tests.support.live_viewer import entities, lessbench, listening, not_blank, pictures, received
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pipeline.views.figures.style import INK, TEXT, in_style, model_color, new_figure, with_unit
+from pipeline.views.figures.style import INK, TEXT, in_style, model_color, new_figure
 from pipeline.vocabulary import model_name
 
 if TYPE_CHECKING:
@@ -14,20 +14,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pipeline.arrays import FloatArray
+    from pipeline.views.feature_axis import FeatureAxis
 
 _MARKERS = "osD^v"  # so that models differ in grey print too
 
 
 @in_style
-def predicted_figure(
-    predictions: pl.DataFrame, features: Sequence[str], units: Sequence[str], demonstrations: FloatArray
-) -> Figure:
+def predicted_figure(predictions: pl.DataFrame, features: Sequence[FeatureAxis], demonstrations: FloatArray) -> Figure:
     """For each feature the predicted median and 90 % interval of every model, and the demonstrations as ticks.
 
     Args:
         predictions: rows of the table `predictions` about the next person.
-        features: names of the F features.
-        units: their units.
+        features: the axes of the F features.
         demonstrations: (n, F) raw values.
     """
     models = predictions["model"].unique(maintain_order=True).to_list()
@@ -35,20 +33,21 @@ def predicted_figure(
     panels = figure.subplots(1, len(features), squeeze=False)[0]
     for column, (axes, feature) in enumerate(zip(panels, features, strict=True)):
         for row, model in enumerate(models):
-            found = predictions.filter(model=model, feature=feature).row(0, named=True)
+            found = predictions.filter(model=model, feature=feature.feature).row(0, named=True)
+            low, median, high = feature.shown([found["low"], found["median"], found["high"]])
             colour = model_color(model, models)
-            axes.plot([found["low"], found["high"]], [row, row], color=colour, linewidth=2.2, solid_capstyle="butt")
+            axes.plot([low, high], [row, row], color=colour, linewidth=2.2, solid_capstyle="butt")
             axes.plot(
-                found["median"], row, _MARKERS[row % len(_MARKERS)], color=colour, markersize=5, markeredgecolor=INK,
+                median, row, _MARKERS[row % len(_MARKERS)], color=colour, markersize=5, markeredgecolor=INK,
                 markeredgewidth=0.5,
             )  # fmt: skip
-        values = demonstrations[:, column]
+        values = feature.shown(demonstrations[:, column])
         axes.plot(values, [len(models)] * len(values), "|", color=INK, markersize=7, markeredgewidth=0.8)
         names = [*map(model_name, models), "people"] if column == 0 else [""] * (len(models) + 1)
         axes.set_yticks(range(len(models) + 1), names)
         axes.set_ylim(len(models) + 0.6, -0.6)
         axes.tick_params(axis="y", length=0)
-        axes.set_xlabel(with_unit(feature, units[column]))
+        axes.set_xlabel(feature.label)
         axes.grid(axis="x")
         axes.spines["left"].set_visible(False)
     return figure

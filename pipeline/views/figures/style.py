@@ -263,12 +263,6 @@ def sequential_map() -> mpl.colors.Colormap:
     return mpl.colors.LinearSegmentedColormap.from_list("sequential", stops).with_extremes(bad="white")
 
 
-def with_unit(name: str, unit: str, over_time: str = "") -> str:
-    """The label of an axis: a quantity with its unit in parentheses, and how it comes of a trajectory."""
-    said = ", ".join(filter(None, [unit.replace("^2", "²").replace("^3", "³"), over_time]))
-    return f"{name} ({said})" if said else name
-
-
 def probability_axis(axes: Axes, label: str, top: float | None = 1.0) -> None:
     """Let the vertical axis run from zero to `top`, or as far as the data if it is None, with pale grid lines."""
     axes.set_ylim(0.0, top)

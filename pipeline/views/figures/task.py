@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.colors import PowerNorm
 
 from pipeline.views import palette
+from pipeline.views.feature_axis import with_unit
 from pipeline.views.figures.style import (
     COLUMN,
     INK,
@@ -18,8 +19,8 @@ from pipeline.views.figures.style import (
     new_figure,
     probability_axis,
     sequential_map,
-    with_unit,
 )
+from pipeline.views.hypothesis_rows import rows_that_matter
 from pipeline.vocabulary import LESS, model_name
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from pipeline.arrays import FloatArray
     from pipeline.views.task_summary import DensityCurve, DensityMap
 
-_MOST_ROWS = 10  # hypotheses with a row of their own
 _COLORS = (
     palette.BLUE, palette.ORANGE, palette.GREEN, palette.SKY, palette.VERMILLION, palette.YELLOW, palette.GREY,
 )  # fmt: skip
@@ -93,7 +93,7 @@ def map_figure(density: DensityMap) -> Figure:
 
 @in_style
 def posterior_figure(
-    posteriors: Mapping[str, FloatArray], labels: Sequence[str], meaning: str, over: str = ""
+    posteriors: Mapping[str, FloatArray], labels: Sequence[str], meaning: str, over: str = "", truth: int | None = None
 ) -> Figure:
     """The posterior of each model given all demonstrations.
 
@@ -102,22 +102,18 @@ def posterior_figure(
         labels: (K,) the hypotheses in words.
         meaning: what the numbers in the labels mean.
         over: what the posteriors are over, such as "over the explored choice space".
+        truth: the hypothesis nearest to what simulated people truly want, which is marked; None if nobody knows.
     """
     models = tuple(posteriors)
-    order = np.argsort(-np.max(list(posteriors.values()), axis=0), kind="stable")[:_MOST_ROWS]
-    names = [labels[k] for k in order]
-    others = len(labels) - len(order)
-    figure = new_figure(COLUMN, 0.9 + 0.19 * (len(names) + (others > 0)))
+    rows = rows_that_matter(posteriors, truth)
+    names = rows.names(labels, truth)
+    figure = new_figure(COLUMN, 0.9 + 0.19 * rows.count)
     ax = figure.subplots()
     height = 0.8 / len(models)
     for offset, (model, posterior) in enumerate(posteriors.items()):
-        values = posterior[order]
-        if others:
-            values = np.append(values, max(0.0, 1.0 - values.sum()))
+        values = rows.values(posterior)
         y = np.arange(values.size) + (offset - (len(models) - 1) / 2) * height
         ax.barh(y, values, height, color=model_color(model, models), label=model_name(model))
-    if others:
-        names.append(f"the other {others} together")
     ax.set_yticks(np.arange(len(names)), names)
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(len(names) - 0.5, -0.5)

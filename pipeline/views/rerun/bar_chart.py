@@ -70,8 +70,19 @@ def full_scale(longest: float) -> float:
     return next(step for step in (0.1, 0.2, 0.5, 1.0) if longest <= step + 1e-9)
 
 
-def log_bars(recording: rr.RecordingStream, chart: BarChart, column: int, values: FloatArray, *, static: bool) -> None:
-    """Log the bars of one model, with their numbers at the end of its column."""
+def log_bars(
+    recording: rr.RecordingStream,
+    chart: BarChart,
+    column: int,
+    values: FloatArray,
+    *,
+    static: bool,
+    always: int | None = None,
+) -> None:
+    """Log the bars of one model, with their numbers at the end of its column.
+
+    Small probabilities have no number, but for that of the row `always`.
+    """
     lengths = values / chart.full * chart.full_length
     # A bar is a strip with round ends that fills the bar's rectangle. It lies if the bar is long and stands if it is
     # short, so that it never has length zero, which would not be drawn.
@@ -83,9 +94,15 @@ def log_bars(recording: rr.RecordingStream, chart: BarChart, column: int, values
     bars = rr.LineStrips2D(list(strips), radii=radii, colors=chart.color(column), draw_order=1.0)
     recording.log(f"{entity}/bars", bars, static=static)
     numbered = values >= _WORTH_A_NUMBER
+    if always is not None:
+        numbered[always] = True
     right = np.full(int(numbered.sum()), chart.left(column) + chart.full_length + 0.5 * _VALUE_WIDTH)
     positions = np.stack([right, centres[numbered, 1] - _LABEL_DROP], axis=1)
-    log_labels(recording, f"{entity}/values", positions, [f"{value:.2f}" for value in values[numbered]], static=static)
+    log_labels(recording, f"{entity}/values", positions, [_number(value) for value in values[numbered]], static=static)
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}" if value >= _WORTH_A_NUMBER else f"<{_WORTH_A_NUMBER:g}"
 
 
 def log_lines(

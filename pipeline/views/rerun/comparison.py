@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 import rerun.blueprint as rrb
 
+from pipeline.views.hypothesis_rows import rows_that_matter
 from pipeline.views.rerun.bar_chart import BarChart, full_scale, log_bars, log_frame, log_lines
 from pipeline.views.rerun.layout import page_view
 from pipeline.views.rerun.recording import written_recording
+from pipeline.views.rerun.timelines import DEMONSTRATIONS
 from pipeline.vocabulary import model_name
 
 if TYPE_CHECKING:
@@ -18,9 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from pipeline.arrays import FloatArray
-
-TIMELINE = "demonstrations"
-MOST_ROWS = 20  # hypotheses with a row of their own
+    from pipeline.views.hypothesis_rows import HypothesisRows
 
 
 @dataclass(frozen=True)
@@ -49,20 +48,24 @@ def write_comparison(path: Path, compared: Sequence[Compared]) -> None:
     """
     charts = [(one, model, _chart(one, model)) for one in compared for model in one.beliefs]
     views = [
-        page_view(chart.entity, f"{one.task}: {model_name(model)} (white line: the other)", chart.bounds(_rows(one)))
+        page_view(
+            chart.entity,
+            f"{one.task}: {model_name(model)} (white line: the other)",
+            chart.bounds(_rows(one.beliefs[model]).count),
+        )
         for one, model, chart in charts
     ]
     name = "compare " + " ".join(one.task for one in compared)
     with written_recording(path, name, rrb.Blueprint(rrb.Tabs(*views), collapse_panels=True)) as recording:
         for one, model, chart in charts:
             pair = one.beliefs[model]
-            order = _order(pair)
-            log_frame(recording, chart, [one.labels[k] for k in order])
+            rows = _rows(pair)
+            log_frame(recording, chart, rows.names(one.labels))
             for step in range(max(map(len, pair))):
-                recording.set_time(TIMELINE, sequence=step)
-                values = [steps[min(step, len(steps) - 1)][order] for steps in pair]
+                recording.set_time(DEMONSTRATIONS, sequence=step)
+                values = [rows.values(steps[min(step, len(steps) - 1)]) for steps in pair]
                 for column in (0, 1):
-                    log_bars(recording, chart, column, values[column], static=False)
+                    log_bars(recording, chart, column, values[column], static=False, always=rows.shared)
                     log_lines(recording, chart, column, values[1 - column], "other", static=False)
             recording.reset_time()
 
@@ -73,11 +76,6 @@ def _chart(one: Compared, model: str) -> BarChart:
     return BarChart(f"{one.task}/{model}", one.versions, full_scale(longest))
 
 
-def _rows(one: Compared) -> int:
-    return min(len(one.labels), MOST_ROWS)
-
-
-def _order(pair: tuple[FloatArray, FloatArray]) -> list[int]:
+def _rows(pair: tuple[FloatArray, FloatArray]) -> HypothesisRows:
     """The hypotheses that have a row, by the larger of their two final probabilities."""
-    highest = np.maximum(pair[0][-1], pair[1][-1])
-    return [int(k) for k in np.argsort(-highest, kind="stable")[:MOST_ROWS]]
+    return rows_that_matter({version: steps[-1] for version, steps in zip("ab", pair, strict=True)})

@@ -12,6 +12,7 @@ import numpy as np
 import rerun as rr
 
 from pipeline.views import palette
+from pipeline.views.feature_axis import with_unit
 from pipeline.views.rerun.labels import drawable, log_labels, part
 from pipeline.vocabulary import LESS, model_name
 
@@ -95,7 +96,7 @@ def log_curve(recording: rr.RecordingStream, curve: DensityCurve, marks: Marks |
         recording,
         entity,
         (width, height),
-        f"{curve.feature} ({_said(curve.unit, curve.over_time)})",
+        with_unit(curve.feature, curve.unit, curve.over_time),
         f"per {curve.unit}",
     )
     names = ["every alternative alike", "weighted by LESS", *marks]
@@ -125,7 +126,7 @@ def log_map(recording: rr.RecordingStream, density: DensityMap, points: Marks | 
     up = ticks(density.y[0], density.y[-1])
     _log_axes(recording, "map", (float(width), float(height)), density.x, up, _cells(up, density.y))
     axes = zip(density.features, density.units, density.over_time, strict=True)
-    names = [f"{feature} ({_said(unit, over_time)})" for feature, unit, over_time in axes]
+    names = [with_unit(*axis) for axis in axes]
     _log_axis_names(recording, "map", (float(width), float(height)), names[0], names[1])
 
 
@@ -190,10 +191,14 @@ def ticks(low: float, high: float) -> FloatArray:
 def _legend(inspection: Inspection) -> str:
     final = {model: posterior[-1] for model, posterior in inspection.posteriors.items()}
     names = [model_name(model) for model in final]
-    order = np.argsort(-np.max(list(final.values()), axis=0), kind="stable")[:3]
-    rows = [
-        f"| {inspection.theta_labels[k]} | " + " | ".join(f"{p[k]:.3f}" for p in final.values()) + " |" for k in order
-    ]
+    shown = inspection.rows
+    order = [int(k) for k in shown.order[:3]]
+    if inspection.nearest_truth is not None and inspection.nearest_truth not in order:
+        order.append(inspection.nearest_truth)
+    names_of = dict(
+        zip(shown.order.tolist(), shown.names(inspection.theta_labels, inspection.nearest_truth), strict=False)
+    )
+    rows = [f"| {names_of[k]} | " + " | ".join(f"{p[k]:.3f}" for p in final.values()) + " |" for k in order]
     return "\n".join(
         [
             "#### Most probable after all demonstrations",
@@ -207,9 +212,17 @@ def _legend(inspection: Inspection) -> str:
             "- **Densities**: grey, every alternative counts the same; orange, each counts as LESS weighs it; pink, "
             "where the demonstrations are.",
             "- **Posteriors**: bar and number, after the demonstrations played so far; white line, after all of them.",
+            *(
+                [
+                    "- **True**: the hypothesis nearest to the mean of what the simulated people truly want, as their "
+                    "recordings say; white in the weights and among three features."
+                ]
+                if inspection.nearest_truth is not None
+                else []
+            ),
+            "",
+            "#### Timelines",
+            "The time panel below has two: `replay`, the clock, and `demonstrations`, on which each step (arrow keys) "
+            "is one demonstration. Plots follow the one that is chosen.",
         ]
     )
-
-
-def _said(unit: str, over_time: str) -> str:
-    return ", ".join(filter(None, [unit, over_time]))

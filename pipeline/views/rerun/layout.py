@@ -1,4 +1,4 @@
-"""The layout of an inspection in the viewer: scene and posteriors above, densities and numbers below."""
+"""The layout of an inspection in the viewer: a page about people and one about the choices that they had."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from pipeline.views import palette
 from pipeline.views.rerun import posterior as posterior_view
 from pipeline.views.rerun.density import curve_bounds, curve_entity, map_bounds
 from pipeline.views.rerun.labels import drawable, part
-from pipeline.views.rerun.records import TIMELINE
 from pipeline.views.rerun.robustness import spread_bounds
 from pipeline.views.rerun.scene import PREDICTED, alternatives_entity
+from pipeline.views.rerun.series import belief_views, motion_views
+from pipeline.views.rerun.timelines import TIMELINE
+from pipeline.views.rerun.weights import weights_bounds
 from pipeline.vocabulary import BOLTZMANN, LESS, model_name
 
 if TYPE_CHECKING:
@@ -32,16 +34,11 @@ _COLOURS = {BOLTZMANN: "blue", LESS: "orange"}  # of `palette.MODELS`, in words
 
 
 def layout(inspection: Inspection) -> rrb.Blueprint:
-    """The views of an inspection, and a replay that starts by itself and takes at most about a minute."""
-    above = rrb.Horizontal(_scene_view(inspection), _posterior_view(inspection), column_shares=[10, 10])
-    columns: list[tuple[int, rrb.View | rrb.Container]] = [
-        (9, _curve_views(inspection)),
-        (10, _feature_views(inspection)),
-    ]
-    if inspection.robustness is not None:
-        columns.append((8, _spread_view(inspection.robustness)))
-    columns.append((11, text_view()))
-    below = rrb.Horizontal(*(view for _, view in columns), column_shares=[share for share, _ in columns])
+    """The views of an inspection, and a replay that starts by itself and takes at most about a minute.
+
+    They are on two pages, so that each has room in a small window: what people did and what follows, and the choices
+    that they had.
+    """
     length_s = float(inspection.replay.time_s[-1] - inspection.replay.time_s[0])
     time = rrb.TimePanel(
         state="collapsed",
@@ -51,13 +48,48 @@ def layout(inspection: Inspection) -> rrb.Blueprint:
         playback_speed=max(1.0, float(np.ceil(length_s / _SHORT_REPLAY_S))),
     )
     return rrb.Blueprint(
-        rrb.Vertical(above, below, row_shares=[62, 38]),
+        rrb.Tabs(_people_page(inspection), _choices_page(inspection), active_tab=0),
         time,
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_layout=False,
         auto_views=False,
     )
+
+
+def _people_page(inspection: Inspection) -> rrb.Container:
+    believed: list[rrb.View] = [_posterior_view(inspection)]
+    if inspection.weights is not None:
+        name = "Weights (line: 90 % interval)"
+        believed.append(page_view("weights", name, weights_bounds(inspection.weights)))
+    above = rrb.Horizontal(_scene_view(inspection), _one_or_tabs(believed), column_shares=[10, 10])
+    motions, longest_s = inspection.motions, float((inspection.end_s - inspection.start_s).max())
+    below = rrb.Horizontal(
+        motion_views(motions.axes, motions.joints, motions.joint_units, longest_s),
+        belief_views(inspection.posteriors),
+        text_view(),
+        column_shares=[10, 10, 11],
+    )
+    return rrb.Vertical(above, below, row_shares=[60, 40], name="People: motions and beliefs")
+
+
+def _choices_page(inspection: Inspection) -> rrb.Container:
+    views: list[rrb.View | rrb.Container] = [_curve_views(inspection), map_view(inspection.map)]
+    if inspection.space is not None:
+        eye = rrb.EyeControls3D(position=(2.2, 2.0, 1.5), look_target=(0.55, 0.55, 0.42), eye_up=(0.0, 0.0, 1.0))
+        views.append(
+            rrb.Spatial3DView(
+                origin="space", name="Three features, and where people want to go", background=_background(),
+                line_grid=False, eye_controls=eye,
+            )
+        )  # fmt: skip
+    if inspection.robustness is not None:
+        views.append(_spread_view(inspection.robustness))
+    return rrb.Grid(*views, grid_columns=2, name="Choices: alternatives and their features")
+
+
+def _one_or_tabs(views: list[rrb.View]) -> rrb.View | rrb.Container:
+    return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)
 
 
 def _scene_view(inspection: Inspection) -> rrb.View | rrb.Container:
@@ -133,26 +165,11 @@ def _posterior_view(inspection: Inspection) -> rrb.Spatial2DView:
     return page_view("posterior", name, posterior_view.page(inspection).bounds)
 
 
-def _curve_views(inspection: Inspection) -> rrb.Tabs:
-    views = [
+def _curve_views(inspection: Inspection) -> rrb.View | rrb.Container:
+    views: list[rrb.View] = [
         page_view(curve_entity(curve.feature), f"{'' if place else 'Density: '}{curve.feature}", curve_bounds(curve))
         for place, curve in enumerate(inspection.curves)
     ]
-    return rrb.Tabs(*views, active_tab=0)
-
-
-def _feature_views(inspection: Inspection) -> rrb.Tabs:
-    views: list[rrb.View] = [map_view(inspection.map)]
-    if inspection.space is not None:
-        eye = rrb.EyeControls3D(position=(2.2, 2.0, 1.5), look_target=(0.55, 0.55, 0.42), eye_up=(0.0, 0.0, 1.0))
-        space = rrb.Spatial3DView(
-            origin="space",
-            name="Three features",
-            background=_background(),
-            line_grid=False,
-            eye_controls=eye,
-        )
-        views.append(space)
     return rrb.Tabs(*views, active_tab=0)
 
 

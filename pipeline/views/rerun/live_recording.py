@@ -12,18 +12,29 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from pipeline.views import palette
+from pipeline.views.hypothesis_rows import rows_that_matter
 from pipeline.views.rerun.density import log_map, log_map_points
 from pipeline.views.rerun.labels import drawable, part
 from pipeline.views.rerun.layout import map_view, page_view, scene_view, text_view
-from pipeline.views.rerun.posterior import log_now, page_now
+from pipeline.views.rerun.posterior import bounds_of_any, log_now
 from pipeline.views.rerun.recording import written_recording
-from pipeline.views.rerun.records import TIMELINE
+from pipeline.views.rerun.records import Motions
 from pipeline.views.rerun.scene import log_alternatives, log_bodies, log_playing, log_shapes, moving_bodies
+from pipeline.views.rerun.series import (
+    MOST_LINES,
+    Lines,
+    belief_views,
+    log_motion,
+    log_motion_styles,
+    motion_views,
+)
+from pipeline.views.rerun.timelines import TIMELINE, at
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from pipeline.arrays import FloatArray
+    from pipeline.views.feature_axis import FeatureAxis
     from pipeline.views.rerun.records import AlternativeSet, Replay
     from pipeline.views.task_summary import DensityMap
 
@@ -41,8 +52,10 @@ class Beginning:
         map: the density over two features, without demonstrations.
         theta_labels: (K,) the hypotheses in words.
         theta_meaning: what the numbers in the labels mean.
-        priors: for each model, (K,) prior probabilities.
-        summary: text in Markdown.
+        joints: names of the joints.
+        joint_units: their units, `rad` or `m`.
+        axes: the features.
+        prior: what is believed.
     """
 
     task: str
@@ -51,8 +64,25 @@ class Beginning:
     map: DensityMap
     theta_labels: tuple[str, ...]
     theta_meaning: str
-    priors: Mapping[str, FloatArray]
+    joints: tuple[str, ...]
+    joint_units: tuple[str, ...]
+    axes: tuple[FeatureAxis, ...]
+    prior: Believed
+
+
+@dataclass(frozen=True)
+class Believed:
+    """What is believed after the demonstrations so far.
+
+    Attributes:
+        posteriors: for each model, (K,) probabilities.
+        summary: text in Markdown.
+        truth: the hypothesis nearest to what the people so far truly want; None if that is not known.
+    """
+
+    posteriors: Mapping[str, FloatArray]
     summary: str
+    truth: int | None = None
 
 
 @dataclass(frozen=True)
@@ -63,17 +93,21 @@ class Arrival:
         name: name of the demonstration.
         replay: the poses of the arm over time, which starts at 0.
         path: (T, 3) m, path of the end effector.
-        on_map: (n, 2) raw values of the map's two features for all demonstrations so far.
-        posteriors: for each model, (K,) probabilities after this demonstration.
-        summary: text in Markdown.
+        waypoints: (T, J) of the joints.
+        along: (T, F) the features along it, NaN where they have no value.
+        raw: (F,) raw values of the features.
+        on_map: (n, 2) values of the map's two features for all demonstrations so far.
+        belief: what is believed after it.
     """
 
     name: str
     replay: Replay
     path: FloatArray
+    waypoints: FloatArray
+    along: FloatArray
+    raw: FloatArray
     on_map: FloatArray
-    posteriors: Mapping[str, FloatArray]
-    summary: str
+    belief: Believed
 
 
 class Watched:
@@ -82,7 +116,8 @@ class Watched:
     def __init__(self, recording: rr.RecordingStream, beginning: Beginning) -> None:
         self._recording, self._beginning = recording, beginning
         self._moving = moving_bodies(beginning.poses)
-        self._end_s = 0.0
+        self._end_s, self._step = 0.0, 0
+        self._lines = Lines(recording, beginning.theta_labels)
         log_shapes(recording, beginning.poses.geometry)
         poses = beginning.poses
         start = replace(
@@ -92,39 +127,50 @@ class Watched:
             time_s=np.zeros(1),
             demonstration=np.zeros(1, dtype=np.int64),
         )
-        log_bodies(recording, start, self._moving)
+        log_bodies(recording, start, self._moving, 0)
         log_alternatives(recording, beginning.alternatives)
         log_map(recording, beginning.map, {})
-        self._state(beginning.priors, beginning.summary)
+        log_motion_styles(recording, beginning.joints)
+        self._state(beginning.prior)
 
     def show(self, arrival: Arrival) -> None:
         """Append a demonstration and the posteriors after it, and send them to all connected viewers."""
         begin_s = self._end_s + _PAUSE_S
         replay = replace(arrival.replay, time_s=arrival.replay.time_s + begin_s)
-        self._end_s = float(replay.time_s[-1])
-        log_bodies(self._recording, replay, self._moving)
-        log_playing(self._recording, arrival.name, arrival.path, np.linspace(begin_s, self._end_s, len(arrival.path)))
-        self._recording.set_time(TIMELINE, duration=self._end_s)
+        self._end_s, self._step = float(replay.time_s[-1]), self._step + 1
+        log_bodies(self._recording, replay, self._moving, self._step)
+        times = np.linspace(begin_s, self._end_s, len(arrival.path))
+        log_playing(self._recording, arrival.name, arrival.path, times, self._step)
+        shown = self._beginning
+        motion = Motions(
+            shown.joints, shown.joint_units, shown.axes, arrival.waypoints[None], arrival.along[None], arrival.raw[None]
+        )
+        log_motion(self._recording, motion, 0, arrival.name, times, self._step)
+        at(self._recording, self._end_s, self._step)
         path = rr.LineStrips3D([arrival.path], radii=rr.Radius.ui_points(1.8), colors=palette.DEMONSTRATION)
         self._recording.log(f"scene/demonstrations/{part(arrival.name)}", path)
         log_map_points(
             self._recording, self._beginning.map, "demonstrations", arrival.on_map, palette.DEMONSTRATION, static=False
         )
-        self._state(arrival.posteriors, arrival.summary)
+        self._state(arrival.belief)
 
-    def remove(self, name: str, on_map: FloatArray, posteriors: Mapping[str, FloatArray], summary: str) -> None:
-        """Remove a demonstration; the arguments are those of `Arrival`, without that demonstration."""
-        self._recording.set_time(TIMELINE, duration=self._end_s)
+    def remove(self, name: str, on_map: FloatArray, belief: Believed) -> None:
+        """Remove a demonstration, which is a step of its own; the arguments are those of `Arrival`, without it."""
+        self._step += 1
+        at(self._recording, self._end_s, self._step)
         self._recording.log(f"scene/demonstrations/{part(name)}", rr.Clear(recursive=False))
         log_map_points(
             self._recording, self._beginning.map, "demonstrations", on_map, palette.DEMONSTRATION, static=False
         )
-        self._state(posteriors, summary)
+        self._state(belief)
 
-    def _state(self, posteriors: Mapping[str, FloatArray], summary: str) -> None:
-        self._recording.set_time(TIMELINE, duration=self._end_s)
-        log_now(self._recording, self._beginning.theta_labels, posteriors)
-        text = rr.TextDocument(drawable(summary), media_type=rr.MediaType.MARKDOWN)
+    def _state(self, belief: Believed) -> None:
+        at(self._recording, self._end_s, self._step)
+        log_now(self._recording, self._beginning.theta_labels, belief.posteriors, belief.truth)
+        if self._step:  # before, no hypothesis is ahead of another
+            first = rows_that_matter(belief.posteriors, belief.truth).order[:MOST_LINES]
+            self._lines.log(belief.posteriors, [int(k) for k in first])
+        text = rr.TextDocument(drawable(belief.summary), media_type=rr.MediaType.MARKDOWN)
         self._recording.log("summary", text)
         self._recording.reset_time()
         self._recording.flush(timeout_sec=30)
@@ -144,17 +190,22 @@ def watched(path: Path, beginning: Beginning, *sinks: Any) -> Iterator[Watched]:
 
 
 def _layout(beginning: Beginning) -> rrb.Blueprint:
-    poses, paths = beginning.poses, beginning.alternatives.paths
+    poses, paths, models = beginning.poses, beginning.alternatives.paths, tuple(beginning.prior.posteriors)
     in_picture = np.concatenate([paths.reshape(-1, 3), poses.body_positions[:, 1:].reshape(-1, 3)])
     name = f"Posterior over {beginning.theta_meaning}, after the demonstrations so far"
     above = rrb.Horizontal(
         scene_view(poses, in_picture, ()),
-        page_view("posterior", name, page_now(beginning.priors).bounds),
+        page_view("posterior", name, bounds_of_any(models, len(beginning.theta_labels))),
         column_shares=[10, 10],
     )
-    below = rrb.Horizontal(map_view(beginning.map), text_view("Demonstrations so far"), column_shares=[9, 20])
+    below = rrb.Horizontal(
+        motion_views(beginning.axes, beginning.joints, beginning.joint_units, None),
+        belief_views(models),
+        rrb.Tabs(text_view("Demonstrations so far"), map_view(beginning.map), active_tab=0),
+        column_shares=[10, 10, 11],
+    )
     return rrb.Blueprint(
-        rrb.Vertical(above, below, row_shares=[62, 38]),
+        rrb.Vertical(above, below, row_shares=[60, 40]),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),

@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipeline.views.hypothesis_rows import MOST_ROWS, HypothesisRows, rows_that_matter
 from pipeline.views.rerun.bar_chart import BarChart, full_scale, log_bars, log_frame, log_lines
-from pipeline.views.rerun.records import TIMELINE
+from pipeline.views.rerun.timelines import at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import rerun as rr
 
-    from pipeline.arrays import FloatArray, IntArray
+    from pipeline.arrays import FloatArray
     from pipeline.views.rerun.records import Inspection
-
-_MOST_ROWS = 20  # hypotheses with a row of their own
 
 
 @dataclass(frozen=True)
@@ -26,64 +25,63 @@ class Page:
     """The rows of the chart and its layout.
 
     Attributes:
-        order: (R,) the hypotheses that have a row, at most 20, from top to bottom.
-        others: number of hypotheses without a row; they share one more.
+        rows: the hypotheses that have a row.
         chart: columns and scale of the chart.
     """
 
-    order: IntArray
-    others: int
+    rows: HypothesisRows
     chart: BarChart
 
     @property
     def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Horizontal and vertical extent of the page."""
-        return self.chart.bounds(len(self.order) + (self.others > 0))
-
-    def row_values(self, posterior: FloatArray) -> FloatArray:
-        """(R,) probabilities of the rows; (R + 1,) with that of all other hypotheses, if there are any."""
-        values = posterior[self.order]
-        return np.append(values, max(0.0, 1.0 - values.sum())) if self.others else values
+        return self.chart.bounds(self.rows.count)
 
 
 def page(inspection: Inspection) -> Page:
-    """Lay out the chart. Hypotheses are sorted by the largest final probability that any model gives them."""
-    highest = np.max([posterior[-1] for posterior in inspection.posteriors.values()], axis=0)
-    order = np.argsort(-highest, kind="stable")[:_MOST_ROWS]
+    """Lay out the chart by what is believed after all demonstrations."""
     longest = max(float(posterior.max()) for posterior in inspection.posteriors.values())
-    chart = BarChart("posterior", tuple(inspection.posteriors), full_scale(longest))
-    return Page(order, highest.size - order.size, chart)
+    return Page(inspection.rows, BarChart("posterior", tuple(inspection.posteriors), full_scale(longest)))
 
 
-def page_now(posteriors: Mapping[str, FloatArray]) -> Page:
-    """Lay out a chart whose final posteriors are not known yet: the 20 most probable hypotheses in their order.
+def page_now(posteriors: Mapping[str, FloatArray], truth: int | None = None) -> Page:
+    """Lay out a chart whose final posteriors are not known yet, by what is believed now.
 
     Args:
         posteriors: for each model, (K,) probabilities.
+        truth: the hypothesis nearest to the truth, if that is known.
     """
-    highest = np.max(list(posteriors.values()), axis=0)
-    order = np.sort(np.argsort(-highest, kind="stable")[:_MOST_ROWS])
-    return Page(order, highest.size - order.size, BarChart("posterior", tuple(posteriors), 1.0))
+    return Page(rows_that_matter(posteriors, truth), BarChart("posterior", tuple(posteriors), 1.0))
 
 
-def log_now(recording: rr.RecordingStream, labels: Sequence[str], posteriors: Mapping[str, FloatArray]) -> None:
+def bounds_of_any(models: Sequence[str], hypotheses: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Horizontal and vertical extent of a page that has room for as many rows as a chart may ever have."""
+    return BarChart("posterior", tuple(models), 1.0).bounds(min(MOST_ROWS + 1, hypotheses))
+
+
+def log_now(
+    recording: rr.RecordingStream,
+    labels: Sequence[str],
+    posteriors: Mapping[str, FloatArray],
+    truth: int | None = None,
+) -> None:
     """Log the chart of these posteriors at the recording's present time; arguments as in `page_now`."""
-    layout = page_now(posteriors)
-    rows = [labels[k] for k in layout.order] + [f"the other {layout.others} together"] * (layout.others > 0)
-    log_frame(recording, layout.chart, rows, static=False)
+    layout = page_now(posteriors, truth)
+    log_frame(recording, layout.chart, layout.rows.names(list(labels), truth), static=False)
     for column, probabilities in enumerate(posteriors.values()):
-        log_bars(recording, layout.chart, column, layout.row_values(probabilities), static=False)
+        values = layout.rows.values(probabilities)
+        log_bars(recording, layout.chart, column, values, static=False, always=layout.rows.shared)
 
 
 def log_posteriors(recording: rr.RecordingStream, inspection: Inspection) -> None:
     """Log the chart under `/posterior`; the bars change as the demonstrations are played."""
     layout = page(inspection)
     times = np.concatenate([inspection.replay.time_s[:1], inspection.end_s])
-    names = [inspection.theta_labels[k] for k in layout.order]
-    log_frame(recording, layout.chart, names + [f"the other {layout.others} together"] * (layout.others > 0))
+    log_frame(recording, layout.chart, layout.rows.names(inspection.theta_labels, inspection.nearest_truth))
     for column, posterior in enumerate(inspection.posteriors.values()):
-        log_lines(recording, layout.chart, column, layout.row_values(posterior[-1]), "final")
-        for time_s, probabilities in zip(times, posterior, strict=True):
-            recording.set_time(TIMELINE, duration=time_s)
-            log_bars(recording, layout.chart, column, layout.row_values(probabilities), static=False)
+        log_lines(recording, layout.chart, column, layout.rows.values(posterior[-1]), "final")
+        for step, (time_s, probabilities) in enumerate(zip(times, posterior, strict=True)):
+            at(recording, float(time_s), step)
+            values = layout.rows.values(probabilities)
+            log_bars(recording, layout.chart, column, values, static=False, always=layout.rows.shared)
     recording.reset_time()

@@ -50,11 +50,16 @@ def log_inspection(recording: RecordingStream, inspection: Inspection) -> None:
     from pipeline.views.rerun.posterior import log_posteriors
     from pipeline.views.rerun.robustness import log_spread
     from pipeline.views.rerun.scene import log_scene
+    from pipeline.views.rerun.series import log_series
+    from pipeline.views.rerun.weights import log_weights
 
     recording.send_property("task", rr.AnyValues(name=inspection.task))
     log_scene(recording, inspection)
     log_densities(recording, inspection)
     log_posteriors(recording, inspection)
+    log_series(recording, inspection)
+    if inspection.weights is not None:
+        log_weights(recording, inspection.weights)
     if inspection.space is not None:
         log_space(recording, inspection.space)
     if inspection.robustness is not None:

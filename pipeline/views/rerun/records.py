@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pipeline.errors import ArgumentError
+from pipeline.views.hypothesis_rows import HypothesisRows, rows_that_matter
 
 if TYPE_CHECKING:
     import polars as pl
 
     from pipeline.arrays import FloatArray, IntArray
     from pipeline.replay.geometry import Geometry
+    from pipeline.views.feature_axis import FeatureAxis
     from pipeline.views.task_summary import DensityCurve, DensityMap
-
-TIMELINE = "replay"
 
 
 @dataclass(frozen=True)
@@ -75,22 +75,68 @@ class FeatureSpace:
     """Alternatives and demonstrations as points along three features.
 
     Attributes:
-        features: names of the three features.
-        units: their units.
-        alternatives: (N, 3) raw values of the alternatives.
+        labels: of their axes, with units.
+        alternatives: (N, 3) values of the alternatives on these axes.
         log_weights: (N,) log weight of each alternative under LESS.
-        demonstrations: (n, 3) raw values of the demonstrations.
+        demonstrations: (n, 3) values of the demonstrations.
+        wanted: by the name of a model, (3,) what people want by its belief: the reward for each unit of the axes.
+        truth: (3,) what they truly want, likewise; None if that is not known.
     """
 
-    features: tuple[str, str, str]
-    units: tuple[str, str, str]
+    labels: tuple[str, str, str]
     alternatives: FloatArray
     log_weights: FloatArray
     demonstrations: FloatArray
+    wanted: Mapping[str, FloatArray] = field(default_factory=dict)
+    truth: FloatArray | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "wanted", MappingProxyType(dict(self.wanted)))
         _check_shape("alternatives of the feature space", self.alternatives, (len(self.log_weights), 3))
         _check_shape("demonstrations of the feature space", self.demonstrations, (len(self.demonstrations), 3))
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Demonstrations along their waypoints.
+
+    Attributes:
+        joints: (J,) names of the joints.
+        joint_units: (J,) `rad` or `m`.
+        axes: (F,) the features.
+        waypoints: (n, T, J).
+        along: (n, T, F) value of each feature at each waypoint, in its unit; NaN where it has none.
+        raw: (n, F) raw value of each feature for the whole.
+    """
+
+    joints: tuple[str, ...]
+    joint_units: tuple[str, ...]
+    axes: tuple[FeatureAxis, ...]
+    waypoints: FloatArray
+    along: FloatArray
+    raw: FloatArray
+
+    def __post_init__(self) -> None:
+        n, length = self.waypoints.shape[:2]
+        _check_shape("waypoints of motions", self.waypoints, (n, length, len(self.joints)))
+        _check_shape("raw values of motions", self.raw, (n, len(self.axes)))
+        if self.along.shape != (n, length, len(self.axes)):
+            raise ArgumentError(f"features along motions have shape {self.along.shape}; not one per waypoint.")
+
+
+@dataclass(frozen=True)
+class Weights:
+    """The weights of the features.
+
+    Attributes:
+        features: (F,) names.
+        summary: `model`, `feature`, `low`, `median` and `high` of the direction's part along each scaled feature.
+        truth: (F,) what simulated people truly want; None if that is not known.
+    """
+
+    features: tuple[str, ...]
+    summary: pl.DataFrame
+    truth: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -122,6 +168,7 @@ class Inspection:
         replay: the poses of the arm over time.
         demonstration_ids: (n,) names of the demonstrations, in the order of the replay.
         demonstration_paths: (n, T, 3) m, paths of the end effector in the world frame.
+        motions: the demonstrations along their waypoints.
         alternatives: at least one set, each with the alternatives to draw; 150 of a set are plenty.
         curves: at least one density along a feature; the first is shown first.
         map: the density over two features.
@@ -130,6 +177,8 @@ class Inspection:
         theta_meaning: what the numbers in the labels mean.
         posteriors: for each model, (n + 1, K) probabilities: row k is the posterior after the first k demonstrations.
         robustness: rows of `robustness_summary` to draw, or None if the study was not run.
+        weights: the weights of the features, or None if nothing is concluded yet.
+        nearest_truth: the hypothesis nearest to what simulated people truly want; None if that is not known.
         predicted: by model, what someone new would do; empty if nothing is predicted yet.
         summary: text in Markdown: the task, its numbers and where they came from.
     """
@@ -138,6 +187,7 @@ class Inspection:
     replay: Replay
     demonstration_ids: tuple[str, ...]
     demonstration_paths: FloatArray
+    motions: Motions
     alternatives: tuple[AlternativeSet, ...]
     curves: tuple[DensityCurve, ...]
     map: DensityMap
@@ -146,6 +196,8 @@ class Inspection:
     theta_meaning: str
     posteriors: Mapping[str, FloatArray]
     robustness: pl.DataFrame | None
+    weights: Weights | None
+    nearest_truth: int | None
     predicted: Mapping[str, Predicted]
     summary: str
 
@@ -161,6 +213,8 @@ class Inspection:
                 "model."
             )
         _check_shape("demonstration_paths", self.demonstration_paths, (n, None, 3))
+        if len(self.motions.waypoints) != n:
+            raise ArgumentError(f"motions must be of the {n} demonstrations; got {len(self.motions.waypoints)}.")
         _check_shape("replay.body_positions", replay.body_positions, (samples, bodies, 3))
         _check_shape("replay.body_quaternions", replay.body_quaternions, (samples, bodies, 4))
         for model, posterior in self.posteriors.items():
@@ -169,6 +223,11 @@ class Inspection:
             raise ArgumentError("replay.time_s must increase strictly; it does not.")
         if not np.array_equal(np.unique(replay.demonstration), np.arange(n)):
             raise ArgumentError(f"replay.demonstration must name each of the {n} demonstrations 0..{n - 1}.")
+
+    @property
+    def rows(self) -> HypothesisRows:
+        """The hypotheses that have a row, by what is believed after all demonstrations."""
+        return rows_that_matter({model: steps[-1] for model, steps in self.posteriors.items()}, self.nearest_truth)
 
     @property
     def end_s(self) -> FloatArray:

@@ -9,10 +9,10 @@ import rerun as rr
 
 from pipeline.views import palette
 from pipeline.views.rerun.labels import drawable, part
-from pipeline.views.rerun.records import TIMELINE
+from pipeline.views.rerun.timelines import TIMELINE, at, columns
 
 if TYPE_CHECKING:
-    from pipeline.arrays import FloatArray
+    from pipeline.arrays import FloatArray, IntArray
     from pipeline.replay.geometry import Geometry, Shape
     from pipeline.views.rerun.records import AlternativeSet, Inspection, Predicted, Replay
 
@@ -28,7 +28,9 @@ def log_scene(recording: rr.RecordingStream, inspection: Inspection) -> None:
     """Log the scene under `/scene`."""
     replay = inspection.replay
     log_shapes(recording, replay.geometry)
-    log_bodies(recording, replay, moving_bodies(replay))
+    steps = replay.demonstration + 1
+    steps[0] = 0  # where the arm is before any demonstration
+    log_bodies(recording, replay, moving_bodies(replay), steps)
     for alternatives in inspection.alternatives:
         log_alternatives(recording, alternatives)
     for model, predicted in inspection.predicted.items():
@@ -36,10 +38,10 @@ def log_scene(recording: rr.RecordingStream, inspection: Inspection) -> None:
     paths = inspection.demonstration_paths
     shown = rr.LineStrips3D(list(paths), radii=_MEDIUM, colors=palette.DEMONSTRATION)
     recording.log("scene/demonstrations", shown, static=True)
-    for start_s, end_s, name, path in zip(
-        inspection.start_s, inspection.end_s, inspection.demonstration_ids, paths, strict=True
+    for row, (start_s, end_s, name, path) in enumerate(
+        zip(inspection.start_s, inspection.end_s, inspection.demonstration_ids, paths, strict=True)
     ):
-        log_playing(recording, name, path, np.linspace(start_s, end_s, len(path)))
+        log_playing(recording, name, path, np.linspace(start_s, end_s, len(path)), row + 1)
 
 
 def log_shapes(recording: rr.RecordingStream, geometry: Geometry) -> None:
@@ -57,15 +59,26 @@ def moving_bodies(replay: Replay) -> frozenset[int]:
     return frozenset(np.flatnonzero(moved).tolist())
 
 
-def log_bodies(recording: rr.RecordingStream, replay: Replay, moving: frozenset[int]) -> None:
-    """Log the pose of each body that has a shape: over time if it moves, else once."""
+def log_bodies(
+    recording: rr.RecordingStream, replay: Replay, moving: frozenset[int], steps: IntArray | int | None = None
+) -> None:
+    """Log the pose of each body that has a shape: over time if it moves, else once.
+
+    Args:
+        recording: the recording that is logged to.
+        replay: the poses.
+        moving: indices of the bodies that move.
+        steps: (M,) how many demonstrations have come in, or one number for all; by default the clock alone is used.
+    """
+    clock = rr.TimeColumn(TIMELINE, duration=replay.time_s)
+    times = [clock] if steps is None else columns(replay.time_s, steps)
     bodies = body_entities(replay.geometry.body_names)
     for body in sorted({shape.body for shape in replay.geometry.shapes}):
         positions, xyzw = replay.body_positions[:, body], np.roll(replay.body_quaternions[:, body], -1, axis=1)
         if body in moving:
             recording.send_columns(
                 bodies[body],
-                indexes=[rr.TimeColumn(TIMELINE, duration=replay.time_s)],
+                indexes=times,
                 columns=rr.Transform3D.columns(translation=positions, quaternion=xyzw),
             )
         else:
@@ -107,7 +120,7 @@ def alternatives_entity(name: tuple[str, ...]) -> str:
     return "/".join(["scene/alternatives", *(part(branch) for branch in name)])
 
 
-def log_playing(recording: rr.RecordingStream, name: str, path: FloatArray, time_s: FloatArray) -> None:
+def log_playing(recording: rr.RecordingStream, name: str, path: FloatArray, time_s: FloatArray, step: int) -> None:
     """Log the path of a demonstration, growing over time, with its name at the end effector.
 
     Args:
@@ -115,14 +128,15 @@ def log_playing(recording: rr.RecordingStream, name: str, path: FloatArray, time
         name: name of the demonstration.
         path: (T, 3) m, path of the end effector.
         time_s: (T,) s, time at each point.
+        step: its number, from 1.
     """
-    recording.set_time(TIMELINE, duration=time_s[0])
+    at(recording, float(time_s[0]), step)
     recording.log("scene/playing", rr.LineStrips3D.from_fields(radii=_THICK, colors=palette.WHITE))
     named = rr.Points3D.from_fields(radii=_DOT, colors=palette.WHITE, labels=[drawable(name)], show_labels=True)
     recording.log("scene/playing/hand", named)
     recording.reset_time()
     drawn = [path[[0, 0]], *(path[: count + 1] for count in range(1, len(path)))]
-    times = [rr.TimeColumn(TIMELINE, duration=time_s)]
+    times = columns(time_s, step)
     recording.send_columns("scene/playing", indexes=times, columns=rr.LineStrips3D.columns(strips=drawn))
     recording.send_columns("scene/playing/hand", indexes=times, columns=rr.Points3D.columns(positions=path))
 

@@ -19,13 +19,23 @@ from pipeline.errors import ArgumentError, StageError
 from pipeline.replay import load_scene
 from pipeline.replay.geometry import body_poses, extract_geometry
 from pipeline.views import palette
+from pipeline.views.feature_axis import FeatureAxis
 from pipeline.views.rerun.density import ticks
 from pipeline.views.rerun.labels import drawable
 from pipeline.views.rerun.layout import hidden
 from pipeline.views.rerun.posterior import page
 from pipeline.views.rerun.recording import open_viewer, quiet_environment, viewer_command, write_inspection
-from pipeline.views.rerun.records import TIMELINE, AlternativeSet, FeatureSpace, Inspection, Predicted, Replay
+from pipeline.views.rerun.records import (
+    AlternativeSet,
+    FeatureSpace,
+    Inspection,
+    Motions,
+    Predicted,
+    Replay,
+    Weights,
+)
 from pipeline.views.rerun.robustness import decades
+from pipeline.views.rerun.timelines import TIMELINE
 from pipeline.views.task_summary import density_curve, density_map, replay_samples, theta_labels, theta_meaning
 from tests.support.live_viewer import not_blank, pictures
 
@@ -86,6 +96,14 @@ def inspection(tmp_path_factory) -> Inspection:
         replay=Replay(extract_geometry(scene.model), positions, quaternions, time_s, which),
         demonstration_ids=("ann 1", "ann 2", "bob 漢"),
         demonstration_paths=rng.normal(0, 0.3, (3, 11, 3)),
+        motions=Motions(
+            ("shoulder", "elbow"),
+            ("rad", "rad"),
+            (FeatureAxis("effort", "rad²"), FeatureAxis("height", "m", "mean per waypoint", 10.0)),
+            demonstrations,
+            np.stack([np.full((3, 11), np.nan), rng.normal(size=(3, 11))], axis=2),
+            mine,
+        ),
         alternatives=(
             AlternativeSet(
                 ("working",), ("wide", "near") * 20, rng.normal(0, 0.3, (40, 11, 3)), log_weights[:40], True
@@ -95,11 +113,12 @@ def inspection(tmp_path_factory) -> Inspection:
         curves=curves,
         map=density_map(("effort", "height"), ("rad²", "m"), features, mine, np.array([0.3, 1.5])),
         space=FeatureSpace(
-            ("effort", "height", "reach"),
-            ("rad²", "m", "m"),
+            ("effort (rad²)", "height (m, mean per waypoint)", "reach (m, greatest)"),
             rng.normal(size=(200, 3)),
             log_weights,
             rng.normal(size=(3, 3)),
+            {"less": np.array([-1.0, 0.0, 0.0])},
+            np.array([0.0, -1.0, 0.0]),
         ),
         theta_labels=theta_labels(thetas, ["effort", "height"]),
         theta_meaning=theta_meaning(thetas),
@@ -117,6 +136,20 @@ def inspection(tmp_path_factory) -> Inspection:
                 "high": [12.0, None, 11.0, 0.6, 32.0, 22.0],
             }
         ),
+        weights=Weights(
+            ("effort", "height"),
+            pl.DataFrame(
+                {
+                    "model": ["less", "less"],
+                    "feature": ["height", "effort"],
+                    "low": [-0.9, -0.6],
+                    "median": [-0.8, -0.2],
+                    "high": [-0.7, 0.3],
+                }
+            ),
+            np.array([-0.6, -0.8]),
+        ),
+        nearest_truth=1,
         predicted={
             model: Predicted(*np.sort(rng.normal(0, 0.3, (3, 11, 3)), axis=0), likely=rng.normal(0, 0.3, (2, 11, 3)))
             for model in ("boltzmann", "less")
