@@ -36,7 +36,7 @@ from pipeline.views.figures.task import (
 )
 from pipeline.views.headline import task_headline
 from pipeline.views.intervals import compare_models, differences
-from pipeline.views.robustness import Example, accuracy, entropies, example, middle_size
+from pipeline.views.robustness import POINT, SETTING, Example, accuracy, changed_answers, example, middle_size, per_pair
 from pipeline.views.task_view import INPUTS, TaskView, task_view
 from pipeline.vocabulary import ALL, BOLTZMANN, KNOWN_DENSITY, LESS, SAMPLER_SHIFT, WORKING
 from pipeline.workspace.project import Project, recorded_run
@@ -78,7 +78,7 @@ def run(project: Project, name: str) -> None:
                 figures["predicted"] = predicted_figure(following, view.axes, view.demonstration_phi)
         summary = None
         if project.table(name, ROBUSTNESS[0]).exists():
-            figures |= _robustness(results, view.labels, view.meaning)
+            figures |= _robustness(results, view)
             summary = results["robustness_summary"].read()
             figures |= _explored(project, name, view, results["robustness_posteriors"])
         else:
@@ -98,26 +98,29 @@ def _scene(scene: Scene, waypoints: FloatArray) -> Figure:
     return scene_figure(take_picture(scene, start, paths.reshape(-1, 3), WIDTH, HEIGHT), paths, named_things(scene))
 
 
-def _robustness(tables: TaskTables, labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:
-    truth = accuracy(tables["robustness"].read())
+def _robustness(tables: TaskTables, view: TaskView) -> dict[str, Figure]:
+    robustness = tables["robustness"].read()
+    of_all = tables["robustness_posteriors"].read(where=pl.col("demonstration_id") == ALL)
+    truth = accuracy(robustness, of_all, None if view.truth is None else view.truth.mean)
     shown = _example(tables["robustness_posteriors"])
     sensitivity = tables["sensitivity"].read()
     size = middle_size(sensitivity)
-    summary, sets = tables["robustness_summary"].read(), tables["robustness_sets"].read()
+    summary = per_pair(tables["robustness_summary"].read(), robustness, POINT)
+    sets = tables["robustness_sets"].read()
+    varied = tables["sensitivity_summary"].read(where=pl.col("set_size") == size)
     figures = {
         "robustness": kl_figure(summary),
-        "two_posteriors": two_posteriors_figure(shown.posteriors, shown.set_ids, labels, meaning),
+        "two_posteriors": two_posteriors_figure(shown.posteriors, shown.set_ids, view.labels, view.meaning),
         "duplicates": duplicates_figure(tables["duplicates_summary"].read()),
         "sensitivity": sensitivity_figure(
-            tables["sensitivity_summary"].read(where=pl.col("set_size") == size),
-            entropies(sensitivity.filter(set_size=size)),
+            per_pair(varied, sensitivity, SETTING), changed_answers(sensitivity.filter(set_size=size))
         ),
     }
     if KNOWN_DENSITY in summary["regime"]:
         alike = pl.col("model").is_in(COMPARED)
         figures["importance"] = importance_figure(summary.filter(alike), truth.filter(alike), sets)
     if truth.height:
-        figures["accuracy"] = accuracy_figure(truth, len(labels))
+        figures["accuracy"] = accuracy_figure(truth, len(view.labels))
     return figures
 
 

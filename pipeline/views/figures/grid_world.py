@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Place = Literal["outside upper left", "outside upper right"]
+BEST = {"Xi_L": model_name(LESS), "Xi_B": model_name(BOLTZMANN)}
+"""The model that leads most, by set."""
 SETS = {"Xi_L": ("$\\Xi_L$", "o"), "Xi_B": ("$\\Xi_B$", "D")}
 _PEOPLE = (LESS, BOLTZMANN, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH)
 _APART = 0.17  # largest distance between neighbouring paths, in cells
@@ -104,7 +106,9 @@ def sets_figure(paths: pl.DataFrame, posteriors: pl.DataFrame, objects: Sequence
         grid, chart = grids_and_charts[place], grids_and_charts[place + 2]
         of_set = paths.filter(set=name)
         _grid(grid, of_set, objects, size, color(palette.SETS[name]))
-        grid.set_title(f"{symbol}: chosen by {model_name(of_set['sampling_model'][0])}")
+        grid.set_title(
+            f"{symbol}: where {BEST[name]} infers best\n(people choose by {model_name(of_set['sampling_model'][0])})"
+        )
         _posterior_bars(chart, posteriors.filter(set=name), named=place == 0)
         chart.set_title(f"inferred from {symbol}")
     _robot_legend(figure, grids_and_charts[2], "outside upper right")
@@ -193,12 +197,11 @@ def _posterior_bars(ax: Axes, rows: pl.DataFrame, *, named: bool) -> None:
     ax.set_yticks(place, [", ".join(words) if named else "" for words in near_or_far(thetas)])
     truth = int(first["is_true"].arg_max() or 0)
     ax.annotate(
-        "true", (1.0, truth), (2, 0), ha="left", va="center", fontsize=small(), fontweight="bold",
-        xycoords=("axes fraction", "data"), textcoords="offset points",
+        "true", (1.03, truth), ha="left", va="center", fontsize=small(), fontweight="bold",
     )  # fmt: skip
     ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
-    ax.set_xlim(0, 1)
+    ax.set_xlim(0, 1.4)
     ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
     ax.set_xlabel("posterior of $\\theta$")
 
