@@ -40,7 +40,7 @@ from pipeline.workspace.scenes import load_task_scene
 from pipeline.workspace.trust import register_task_kinds
 
 REGIMES, MODELS = (INDEPENDENT, SAMPLER_SHIFT), (BOLTZMANN, LESS)
-PATHS = 150  # of one set that are drawn; more hide each other and the scene
+PATHS = 70  # of one set that are drawn; more hide each other and the scene
 POINTS = 2000  # alternatives in the cube of three features
 AXES = 3
 
@@ -159,6 +159,8 @@ def _weights(project: Project, name: str, view: TaskView) -> Weights | None:
     ]
     if not whole:
         return None
+    place = {model: number for number, model in enumerate(view.beliefs)}  # the order of the posteriors
+    whole.sort(key=lambda part: place.get(part["model"][0], len(place)))
     return Weights(view.features, pl.concat(whole), None if view.truth is None else view.truth.mean)
 
 
@@ -239,7 +241,7 @@ def _answer(project: Project, name: str) -> list[str]:
 def _summary(project: Project, name: str, task: Task, view: TaskView) -> str:
     origin = "simulated" if view.demonstrations["simulated"].all() else "recorded"
     lines = [
-        f"# {name}",
+        f"### {name}",
         "",
         *_answer(project, name),
         f"**{view.demonstrations.height} {origin} demonstrations** from `{task.recordings}`, "

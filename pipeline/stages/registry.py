@@ -209,7 +209,7 @@ STAGES = (
         ),
         reads=(
             "demonstrations", "alternatives", "features", "scales", "densities", "posteriors", "robustness_summary",
-            "fits", "explored_posteriors", "answers", "predicted_motion", "likely_paths", "weights_summary",
+            "fits", "weights_summary", "explored_posteriors", "answers", "predicted_motion", "likely_paths",
         ),
         inputs=(SCENE,),
         outputs=("datasets/{task}/inspect.rrd",),

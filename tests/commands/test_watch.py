@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from rerun.chunk import RrdReader
 
 from pipeline.commands import watch
 from pipeline.commands.watch import Until, which_task
 from pipeline.errors import StageError, TableError
 from pipeline.formats.mcap.joint_states import write_joint_states
 from pipeline.formats.parquet.tables import read_table
-from pipeline.stages import density, featurize, infer, ingest, sample
+from pipeline.stages import density, featurize, infer, ingest, inspect, sample
+from pipeline.views.rerun.timelines import DEMONSTRATIONS
 from pipeline.workspace.project import Project
 from tests.support.live_viewer import entities, lessbench, listening, not_blank, pictures, received
 
@@ -207,10 +209,42 @@ def test_the_real_viewer_shows_what_was_watched(project: Project, tmp_path: Path
     with drawn.headless_viewer(project.datasets / "sweep" / "watch" / "inspect.rrd") as viewer:
         time.sleep(1.0)
         state = viewer.get_state()
-        assert len(state.views) == 4
+        assert len(state.views) == 11
         assert [view.reports for view in state.views if view.reports] == []
         viewer.save_screenshot(str(tmp_path / "watched.png"))
     not_blank(tmp_path / "watched.png")
+
+
+def test_the_recording_ends_with_the_rows_names_and_axes_of_inspect(project: Project) -> None:
+    watch.run(project, None, None, Until(demonstrations=3), None)
+    inspect.run(project, "sweep")
+    folder = project.datasets / "sweep"
+    watched, inspected = (logged(path / "inspect.rrd") for path in (folder / "watch", folder))
+    for entity in ("/posterior/names", "/map/axis_names", "/series/joints/rail"):
+        (last,) = watched[entity][-1:]
+        assert last == inspected[entity][-1], entity
+    series = {entity for entity in inspected if entity.startswith("/series/features")}
+    assert series
+    assert series <= set(watched)
+    # each recording is a step of the timeline of demonstrations, and the plots are against them
+    steps = [
+        step
+        for chunk in RrdReader(folder / "watch" / "inspect.rrd").stream()
+        if chunk.entity_path == "/series/belief/plausible/less" and not chunk.is_static
+        for step in chunk.to_record_batch().column(DEMONSTRATIONS).to_pylist()
+    ]
+    assert steps == [1, 2, 3]
+
+
+def logged(path: Path) -> dict[str, list[Any]]:
+    """By entity, the names and labels that were logged, in their order."""
+    found: dict[str, list[Any]] = {}
+    for chunk in RrdReader(path).stream():
+        batch = chunk.to_record_batch()
+        names = [name for name in batch.schema.names if name.rpartition(":")[2] in ("labels", "names")]
+        rows = found.setdefault(chunk.entity_path, [])
+        rows += [row for name in names for row in batch.column(name).to_pylist() if row is not None]
+    return found
 
 
 def test_nothing_came_and_nothing_is_lost(project: Project, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from pipeline.arrays import FloatArray
 
 # Lengths are in page units.
-_ROW = 25.0  # height of a row
 _BAR_RADIUS = 6.5  # half the height of a bar
 _VALUE_WIDTH = 60.0  # width that is left for a number behind a bar
 _LABEL_DROP = 13.0  # distance at which the viewer draws a label below its point
@@ -39,6 +38,7 @@ class BarChart:
         full: the probability that a bar of full length stands for.
         names_width: width of the column of names, in page units.
         columns_width: width of all models' columns together, in page units.
+        row: height of a row, in page units.
     """
 
     entity: str
@@ -46,10 +46,11 @@ class BarChart:
     full: float
     names_width: float = 250.0
     columns_width: float = 480.0
+    row: float = 25.0
 
     def bounds(self, rows: int) -> tuple[tuple[float, float], tuple[float, float]]:
         """Horizontal and vertical extent of a chart with this number of rows."""
-        return (0.0, self.names_width + self.columns_width + 10.0), (-1.6 * _ROW, (rows + 0.9) * _ROW)
+        return (0.0, self.names_width + self.columns_width + 10.0), (-1.6 * self.row, (rows + 0.9) * self.row)
 
     @property
     def full_length(self) -> float:
@@ -88,7 +89,7 @@ def log_bars(
     # short, so that it never has length zero, which would not be drawn.
     radii = 0.98 * np.minimum(_BAR_RADIUS, lengths / 2)
     reach = np.stack([lengths / 2 - radii, _BAR_RADIUS - radii], axis=1)
-    centres = np.stack([chart.left(column) + lengths / 2, np.arange(values.size) * _ROW], axis=1)
+    centres = np.stack([chart.left(column) + lengths / 2, np.arange(values.size) * chart.row], axis=1)
     strips = np.stack([centres - reach, centres + reach], axis=1)
     entity = f"{chart.entity}/{part(chart.models[column])}"
     bars = rr.LineStrips2D(list(strips), radii=radii, colors=chart.color(column), draw_order=1.0)
@@ -111,8 +112,8 @@ def log_lines(
     """Log a white line at the value of each row of a column; lines next to zero are left out."""
     lengths = values / chart.full * chart.full_length
     visible = lengths >= _SHORTEST
-    x, y = chart.left(column) + lengths[visible], np.flatnonzero(visible) * _ROW
-    half = 0.36 * _ROW
+    x, y = chart.left(column) + lengths[visible], np.flatnonzero(visible) * chart.row
+    half = 0.36 * chart.row
     strips = np.stack([np.stack([x, y - half], axis=1), np.stack([x, y + half], axis=1)], axis=1)
     lines = rr.LineStrips2D(strips, radii=rr.Radius.ui_points(0.9), colors=palette.WHITE, draw_order=2.0)
     recording.log(f"{chart.entity}/{part(chart.models[column])}/{name}", lines, static=static)
@@ -121,15 +122,15 @@ def log_lines(
 def log_frame(recording: rr.RecordingStream, chart: BarChart, rows: Sequence[str], *, static: bool = True) -> None:
     """Log the names of the rows, and the model above and the scale below each column."""
     names, colors = list(rows), [palette.WHITE] * len(rows)
-    positions = [(0.5 * chart.names_width, row * _ROW - _LABEL_DROP) for row in range(len(names))]
-    bottom = (len(names) - 0.4) * _ROW
+    positions = [(0.5 * chart.names_width, row * chart.row - _LABEL_DROP) for row in range(len(names))]
+    bottom = (len(names) - 0.4) * chart.row
     rules = []
     for column, model in enumerate(chart.models):
         left, right = chart.left(column), chart.left(column) + chart.full_length
         names += [model_name(model), "0", f"{chart.full:g}"]
         colors += [chart.color(column), palette.WHITE, palette.WHITE]
-        positions += [((left + right) / 2, -1.3 * _ROW - 0.5 * _LABEL_DROP), (left, bottom), (right, bottom)]
-        rules += [[(x, -0.6 * _ROW), (x, bottom)] for x in (left, right)]
+        positions += [((left + right) / 2, -1.3 * chart.row - 0.5 * _LABEL_DROP), (left, bottom), (right, bottom)]
+        rules += [[(x, -0.6 * chart.row), (x, bottom)] for x in (left, right)]
     log_labels(recording, f"{chart.entity}/names", np.array(positions), names, static=static, colors=colors)
     thin = rr.Radius.ui_points(0.5)
     strips = rr.LineStrips2D(rules, radii=thin, colors=palette.GREY, draw_order=0.0)

@@ -13,13 +13,16 @@ from pipeline.views.rerun.labels import drawable, part
 from pipeline.vocabulary import model_name
 
 if TYPE_CHECKING:
+    from pipeline.arrays import FloatArray
     from pipeline.views.rerun.records import FeatureSpace
 
 _POINT, _DEMONSTRATION, _EDGE = (rr.Radius.ui_points(points) for points in (1.8, 5.0, 0.6))
-_SHAFT = rr.Radius.ui_points(2.2)
+_SHAFT = rr.Radius.ui_points(3.0)
 _ARROW = 0.4  # length of an arrow, as a share of the cube's edge
 TRUTH = "the truth"  # name of the arrow of what people truly want
-_BESIDE = 0.08  # distance of the numbers from the cube, as a share of its edge
+# Distance of the numbers from the cube, as a share of its edge; that of an axis's name from them, in such distances;
+# and where along the three axes their names are, so that they stay clear of the numbers at the corner in front.
+_BESIDE, _OUTSIDE, _ALONG = 0.08, 6.5, (0.3, 0.7, 1.16)
 
 
 def log_space(recording: rr.RecordingStream, space: FeatureSpace) -> None:
@@ -47,7 +50,6 @@ def log_space(recording: rr.RecordingStream, space: FeatureSpace) -> None:
         vector = _ARROW * vector / max(float(np.linalg.norm(vector)), 1e-12)
         arrow = rr.Arrows3D(
             origins=[demonstrations.mean(axis=0)], vectors=[vector], radii=_SHAFT, colors=color,
-            labels=[drawable(name)], show_labels=True,
         )  # fmt: skip
         recording.log(f"space/wanted/{part(name)}", arrow, static=True)
     edges_only = rr.components.FillMode.MajorWireframe
@@ -55,12 +57,18 @@ def log_space(recording: rr.RecordingStream, space: FeatureSpace) -> None:
     box = rr.Boxes3D(centers=[half], half_sizes=[half], radii=_EDGE, colors=palette.GREY, fill_mode=edges_only)
     recording.log("space/cube", box, static=True)
     # for each feature, the edge that is in front of the layout's camera
-    edges = np.array([[0.0, 1.0 + _BESIDE, 0.0], [1.0 + _BESIDE, 0.0, 0.0], [1.0 + _BESIDE, -_BESIDE, 0.0]])
+    edges = np.array([[0.0, -_BESIDE, 0.0], [1.0 + _BESIDE, 0.0, 0.0], [-_BESIDE, -_BESIDE, 0.0]])
     for axis, label in enumerate(space.labels):
-        marks = ticks(low[axis], low[axis] + span[axis])
+        marks = _few(ticks(low[axis], low[axis] + span[axis]))
         positions = np.repeat(edges[axis][None], marks.size + 1, axis=0)
-        positions[:, axis] = [*((marks - low[axis]) / span[axis]), 0.5]
-        positions[-1] += 3.6 * (edges[axis] - np.clip(edges[axis], 0.0, 1.0))
+        positions[:, axis] = [*((marks - low[axis]) / span[axis]), _ALONG[axis]]
+        if axis < 2:
+            positions[-1] += _OUTSIDE * (edges[axis] - np.clip(edges[axis], 0.0, 1.0))
         texts = [drawable(text) for text in (*(f"{mark:g}" for mark in marks), label)]
         labels = rr.Points3D(positions, radii=0.0, colors=palette.WHITE, labels=texts, show_labels=True)
         recording.log(f"space/axes/{axis}", labels, static=True)
+
+
+def _few(marks: FloatArray) -> FloatArray:
+    """At most three of the numbers of an axis: more cover one another where the axis is seen from aside."""
+    return marks[:: -(-marks.size // 3)]

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 _SHORT_REPLAY_S = 60.0  # a longer replay is played faster, so that it takes about this time
 # Distance of the camera from what it looks at, and how far below the middle it looks: shares of the picture's diagonal.
 _DISTANCE, _LOWER = 0.86, 0.05
+# Angle between where the hand reaches and the camera, seen from above, and in which share of the time it may be less.
+_ASIDE, _SELDOM = np.radians(50.0), 0.1
 _COLOURS = {BOLTZMANN: "blue", LESS: "orange"}  # of `palette.MODELS`, in words
 
 
@@ -62,7 +64,7 @@ def _people_page(inspection: Inspection) -> rrb.Container:
     if inspection.weights is not None:
         name = "Weights (line: 90 % interval)"
         believed.append(page_view("weights", name, weights_bounds(inspection.weights)))
-    above = rrb.Horizontal(_scene_view(inspection), _one_or_tabs(believed), column_shares=[10, 10])
+    above = rrb.Horizontal(_scene_view(inspection), _one_or_tabs(believed), column_shares=[9, 11])
     motions, longest_s = inspection.motions, float((inspection.end_s - inspection.start_s).max())
     below = rrb.Horizontal(
         motion_views(motions.axes, motions.joints, motions.joint_units, longest_s),
@@ -76,10 +78,11 @@ def _people_page(inspection: Inspection) -> rrb.Container:
 def _choices_page(inspection: Inspection) -> rrb.Container:
     views: list[rrb.View | rrb.Container] = [_curve_views(inspection), map_view(inspection.map)]
     if inspection.space is not None:
-        eye = rrb.EyeControls3D(position=(2.2, 2.0, 1.5), look_target=(0.55, 0.55, 0.42), eye_up=(0.0, 0.0, 1.0))
+        truly = "" if inspection.space.truth is None else " (white: truly)"
+        eye = rrb.EyeControls3D(position=(1.75, -0.85, 1.3), look_target=(0.5, 0.5, 0.4), eye_up=(0.0, 0.0, 1.0))
         views.append(
             rrb.Spatial3DView(
-                origin="space", name="Three features, and where people want to go", background=_background(),
+                origin="space", name=f"Three features, and arrows to what people want{truly}", background=_background(),
                 line_grid=False, eye_controls=eye,
             )
         )  # fmt: skip
@@ -97,26 +100,29 @@ def _scene_view(inspection: Inspection) -> rrb.View | rrb.Container:
     shown = [group.paths for group in inspection.alternatives if group.shown]
     moving = [inspection.demonstration_paths, *shown, inspection.replay.body_positions[:, 1:]]
     in_picture = np.concatenate([points.reshape(-1, 3) for points in moving])
-    apart = hidden(inspection.alternatives)
+    apart, hands = hidden(inspection.alternatives), inspection.demonstration_paths.reshape(-1, 3)
     if not inspection.predicted:
-        return scene_view(inspection.replay, in_picture, apart)
-    chosen_from = scene_view(inspection.replay, in_picture, [*apart, PREDICTED])
+        return scene_view(inspection.replay, in_picture, apart, hands)
+    chosen_from = scene_view(inspection.replay, in_picture, [*apart, PREDICTED], hands)
     wide = [f"{PREDICTED}/{part(model)}/interval" for model in inspection.predicted]
-    expected = scene_view(inspection.replay, in_picture, ["scene/alternatives", *wide])
+    expected = scene_view(inspection.replay, in_picture, ["scene/alternatives", *wide], hands)
     colours = ", ".join(f"{model_name(model)} {_COLOURS.get(model, 'green')}" for model in inspection.predicted)
     expected.name = f"Someone new: {colours}"
     return rrb.Tabs(chosen_from, expected, active_tab=0)
 
 
-def scene_view(replay: Replay, in_picture: FloatArray, hidden_entities: Sequence[str]) -> rrb.Spatial3DView:
+def scene_view(
+    replay: Replay, in_picture: FloatArray, hidden_entities: Sequence[str], hands: FloatArray | None = None
+) -> rrb.Spatial3DView:
     """The view of the arm in its scene.
 
     Args:
         replay: gives the position of the robot's base and of the scene's camera.
         in_picture: (P, 3) m, points that should be in the picture.
         hidden_entities: entities that are hidden until the user selects them.
+        hands: (H, 3) m, where the hand comes, so that the arm is not seen end on; not looked at by default.
     """
-    position, target = camera(in_picture, replay.body_positions[0, 1], replay.geometry.viewpoint)
+    position, target = camera(in_picture, replay.body_positions[0, 1], replay.geometry.viewpoint, hands)
     return rrb.Spatial3DView(
         origin="scene",
         name="Demonstrations (pink), alternatives by LESS weight (blue low, yellow high)",
@@ -132,15 +138,20 @@ def hidden(alternatives: Sequence[AlternativeSet]) -> list[str]:
     return [alternatives_entity(group.name) for group in alternatives if not group.shown]
 
 
-def camera(in_picture: FloatArray, base: FloatArray, viewpoint: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+def camera(
+    in_picture: FloatArray, base: FloatArray, viewpoint: FloatArray | None, hands: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Position and target of the viewer's camera, which looks at all points from the side of the scene's camera.
 
-    If the scene has no camera, it looks back at the robot from beyond the points, from one side and from above.
+    Where the arm would come to point at that camera, and so be hidden behind its hand and the paths, the camera is
+    turned aside. If the scene has no camera, it looks back at the robot from beyond the points, from one side and from
+    above.
 
     Args:
         in_picture: (P, 3) m, points that should be in the picture.
         base: (3,) m, position of the robot's base.
         viewpoint: (3,) m, position of the scene's camera, or None.
+        hands: (H, 3) m, where the hand comes; None if the arm may point anywhere.
 
     Returns:
         (3,) position and (3,) target, m.
@@ -148,11 +159,30 @@ def camera(in_picture: FloatArray, base: FloatArray, viewpoint: FloatArray | Non
     low, high = in_picture.min(axis=0), in_picture.max(axis=0)
     target = (low + high) / 2
     direction = _beyond(target - base) if viewpoint is None else viewpoint - target
+    if viewpoint is not None and hands is not None:
+        direction = _aside(direction, hands - base)
     diagonal = np.linalg.norm(high - low)
     away = _DISTANCE * diagonal
     # a little lower: the table and what is on it matter more than the air above
     target = target - np.array([0.0, 0.0, _LOWER * diagonal])
     return target + away * direction / np.linalg.norm(direction), target
+
+
+def _aside(direction: FloatArray, reached: FloatArray) -> FloatArray:
+    """`direction`, turned about the vertical as little as makes the hand seldom reach within _ASIDE of it.
+
+    Where the hand reaches all around, it is turned to where the arm points least at it.
+    """
+    azimuths = np.arctan2(reached[:, 1], reached[:, 0])
+    turns = np.radians(np.arange(-180.0, 180.0, 5.0))
+    own = np.arctan2(direction[1], direction[0])
+    apart = np.abs((own + turns[:, None] - azimuths + np.pi) % (2 * np.pi) - np.pi)
+    apart = np.quantile(apart, _SELDOM, axis=1)
+    enough = np.minimum(apart, _ASIDE)
+    best = min(np.flatnonzero(enough >= enough.max() - 1e-9), key=lambda one: (abs(turns[one]), turns[one]))
+    across = float(np.hypot(direction[0], direction[1]))
+    angle = own + turns[best]
+    return np.array([across * np.cos(angle), across * np.sin(angle), direction[2]])
 
 
 def _beyond(outward: FloatArray) -> FloatArray:

@@ -19,7 +19,15 @@ from pipeline.views.rerun.layout import map_view, page_view, scene_view, text_vi
 from pipeline.views.rerun.posterior import bounds_of_any, log_now
 from pipeline.views.rerun.recording import written_recording
 from pipeline.views.rerun.records import Motions
-from pipeline.views.rerun.scene import log_alternatives, log_bodies, log_playing, log_shapes, moving_bodies
+from pipeline.views.rerun.scene import (
+    DEMONSTRATED,
+    label_lift,
+    log_alternatives,
+    log_bodies,
+    log_playing,
+    log_shapes,
+    moving_bodies,
+)
 from pipeline.views.rerun.series import (
     MOST_LINES,
     Lines,
@@ -117,6 +125,7 @@ class Watched:
         self._recording, self._beginning = recording, beginning
         self._moving = moving_bodies(beginning.poses)
         self._end_s, self._step = 0.0, 0
+        self._lift_m = label_lift(beginning.alternatives.paths)
         self._lines = Lines(recording, beginning.theta_labels)
         log_shapes(recording, beginning.poses.geometry)
         poses = beginning.poses
@@ -130,7 +139,7 @@ class Watched:
         log_bodies(recording, start, self._moving, 0)
         log_alternatives(recording, beginning.alternatives)
         log_map(recording, beginning.map, {})
-        log_motion_styles(recording, beginning.joints)
+        log_motion_styles(recording, beginning.axes, beginning.joints)
         self._state(beginning.prior)
 
     def show(self, arrival: Arrival) -> None:
@@ -140,14 +149,14 @@ class Watched:
         self._end_s, self._step = float(replay.time_s[-1]), self._step + 1
         log_bodies(self._recording, replay, self._moving, self._step)
         times = np.linspace(begin_s, self._end_s, len(arrival.path))
-        log_playing(self._recording, arrival.name, arrival.path, times, self._step)
+        log_playing(self._recording, arrival.name, arrival.path, times, self._step, self._lift_m)
         shown = self._beginning
         motion = Motions(
             shown.joints, shown.joint_units, shown.axes, arrival.waypoints[None], arrival.along[None], arrival.raw[None]
         )
         log_motion(self._recording, motion, 0, arrival.name, times, self._step)
         at(self._recording, self._end_s, self._step)
-        path = rr.LineStrips3D([arrival.path], radii=rr.Radius.ui_points(1.8), colors=palette.DEMONSTRATION)
+        path = rr.LineStrips3D([arrival.path], radii=DEMONSTRATED, colors=palette.DEMONSTRATION)
         self._recording.log(f"scene/demonstrations/{part(arrival.name)}", path)
         log_map_points(
             self._recording, self._beginning.map, "demonstrations", arrival.on_map, palette.DEMONSTRATION, static=False
@@ -196,7 +205,7 @@ def _layout(beginning: Beginning) -> rrb.Blueprint:
     above = rrb.Horizontal(
         scene_view(poses, in_picture, ()),
         page_view("posterior", name, bounds_of_any(models, len(beginning.theta_labels))),
-        column_shares=[10, 10],
+        column_shares=[9, 11],
     )
     below = rrb.Horizontal(
         motion_views(beginning.axes, beginning.joints, beginning.joint_units, None),

@@ -12,7 +12,7 @@ from pipeline.views.rerun.bar_chart import BarChart, full_scale, log_bars, log_f
 from pipeline.views.rerun.timelines import at
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     import rerun as rr
 
@@ -41,7 +41,7 @@ class Page:
 def page(inspection: Inspection) -> Page:
     """Lay out the chart by what is believed after all demonstrations."""
     longest = max(float(posterior.max()) for posterior in inspection.posteriors.values())
-    return Page(inspection.rows, BarChart("posterior", tuple(inspection.posteriors), full_scale(longest)))
+    return Page(inspection.rows, _chart(inspection.posteriors, full_scale(longest)))
 
 
 def page_now(posteriors: Mapping[str, FloatArray], truth: int | None = None) -> Page:
@@ -51,12 +51,12 @@ def page_now(posteriors: Mapping[str, FloatArray], truth: int | None = None) -> 
         posteriors: for each model, (K,) probabilities.
         truth: the hypothesis nearest to the truth, if that is known.
     """
-    return Page(rows_that_matter(posteriors, truth), BarChart("posterior", tuple(posteriors), 1.0))
+    return Page(rows_that_matter(posteriors, truth), _chart(posteriors, 1.0))
 
 
 def bounds_of_any(models: Sequence[str], hypotheses: int) -> tuple[tuple[float, float], tuple[float, float]]:
     """Horizontal and vertical extent of a page that has room for as many rows as a chart may ever have."""
-    return BarChart("posterior", tuple(models), 1.0).bounds(min(MOST_ROWS + 1, hypotheses))
+    return _chart(models, 1.0).bounds(min(MOST_ROWS + 1, hypotheses))
 
 
 def log_now(
@@ -85,3 +85,8 @@ def log_posteriors(recording: rr.RecordingStream, inspection: Inspection) -> Non
             values = layout.rows.values(probabilities)
             log_bars(recording, layout.chart, column, values, static=False, always=layout.rows.shared)
     recording.reset_time()
+
+
+def _chart(models: Iterable[str], full: float) -> BarChart:
+    """Names and numbers stay readable where the view is half as wide as the page."""
+    return BarChart("posterior", tuple(models), full, names_width=320.0, columns_width=420.0, row=34.0)

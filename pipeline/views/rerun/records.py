@@ -169,7 +169,7 @@ class Inspection:
         demonstration_ids: (n,) names of the demonstrations, in the order of the replay.
         demonstration_paths: (n, T, 3) m, paths of the end effector in the world frame.
         motions: the demonstrations along their waypoints.
-        alternatives: at least one set, each with the alternatives to draw; 150 of a set are plenty.
+        alternatives: at least one set, each with the alternatives to draw; 70 of a set are plenty.
         curves: at least one density along a feature; the first is shown first.
         map: the density over two features.
         space: points along three features; None if there are fewer features.

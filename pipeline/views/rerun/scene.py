@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 _ENDLESS_M = 2.0  # half size with which an infinite plane is drawn
 _DARKEST = 0.3  # least value of each colour channel: a black arm would look like a hole in a dark room
 _PLANE_HALF_THICKNESS_M = 0.0005
-_HAIR, _THIN, _MEDIUM, _THICK, _DOT = (rr.Radius.ui_points(points) for points in (0.3, 0.45, 1.8, 2.6, 4.0))
+_HAIR, _THIN, DEMONSTRATED, _THICK, _DOT = (rr.Radius.ui_points(points) for points in (0.3, 0.4, 1.2, 2.6, 4.0))
+_LABEL_LIFT = 0.22  # of the diagonal of all paths
 _BOX_EVERY = 4  # waypoints
 PREDICTED = "scene/predicted"  # entity under which predictions are logged
 
@@ -36,12 +37,12 @@ def log_scene(recording: rr.RecordingStream, inspection: Inspection) -> None:
     for model, predicted in inspection.predicted.items():
         log_predicted(recording, model, predicted)
     paths = inspection.demonstration_paths
-    shown = rr.LineStrips3D(list(paths), radii=_MEDIUM, colors=palette.DEMONSTRATION)
+    shown = rr.LineStrips3D(list(paths), radii=DEMONSTRATED, colors=palette.DEMONSTRATION)
     recording.log("scene/demonstrations", shown, static=True)
     for row, (start_s, end_s, name, path) in enumerate(
         zip(inspection.start_s, inspection.end_s, inspection.demonstration_ids, paths, strict=True)
     ):
-        log_playing(recording, name, path, np.linspace(start_s, end_s, len(path)), row + 1)
+        log_playing(recording, name, path, np.linspace(start_s, end_s, len(path)), row + 1, label_lift(paths))
 
 
 def log_shapes(recording: rr.RecordingStream, geometry: Geometry) -> None:
@@ -120,7 +121,15 @@ def alternatives_entity(name: tuple[str, ...]) -> str:
     return "/".join(["scene/alternatives", *(part(branch) for branch in name)])
 
 
-def log_playing(recording: rr.RecordingStream, name: str, path: FloatArray, time_s: FloatArray, step: int) -> None:
+def label_lift(paths: FloatArray) -> float:
+    """Height above the hand at which its label is drawn (m), for paths (..., 3): so far that what it holds is seen."""
+    points = paths.reshape(-1, 3)
+    return _LABEL_LIFT * float(np.linalg.norm(np.ptp(points, axis=0)))
+
+
+def log_playing(
+    recording: rr.RecordingStream, name: str, path: FloatArray, time_s: FloatArray, step: int, lift_m: float
+) -> None:
     """Log the path of a demonstration, growing over time, with its name at the end effector.
 
     Args:
@@ -129,16 +138,20 @@ def log_playing(recording: rr.RecordingStream, name: str, path: FloatArray, time
         path: (T, 3) m, path of the end effector.
         time_s: (T,) s, time at each point.
         step: its number, from 1.
+        lift_m: height of the name above the hand.
     """
     at(recording, float(time_s[0]), step)
     recording.log("scene/playing", rr.LineStrips3D.from_fields(radii=_THICK, colors=palette.WHITE))
-    named = rr.Points3D.from_fields(radii=_DOT, colors=palette.WHITE, labels=[drawable(name)], show_labels=True)
-    recording.log("scene/playing/hand", named)
+    recording.log("scene/playing/hand", rr.Points3D.from_fields(radii=_DOT, colors=palette.WHITE))
+    named = rr.Points3D.from_fields(radii=0.0, colors=palette.WHITE, labels=[drawable(name)], show_labels=True)
+    recording.log("scene/playing/name", named)
     recording.reset_time()
     drawn = [path[[0, 0]], *(path[: count + 1] for count in range(1, len(path)))]
     times = columns(time_s, step)
     recording.send_columns("scene/playing", indexes=times, columns=rr.LineStrips3D.columns(strips=drawn))
     recording.send_columns("scene/playing/hand", indexes=times, columns=rr.Points3D.columns(positions=path))
+    above = path + np.array([0.0, 0.0, lift_m])
+    recording.send_columns("scene/playing/name", indexes=times, columns=rr.Points3D.columns(positions=above))
 
 
 def body_entities(names: tuple[str, ...]) -> list[str]:

@@ -7,7 +7,7 @@ is a point for each, as on the axes of the densities.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import rerun as rr
@@ -29,16 +29,17 @@ if TYPE_CHECKING:
     from pipeline.views.rerun.records import Inspection, Motions
 
 JOINTS, FEATURES, BELIEF = "series/joints", "series/features", "series/belief"
+EACH = "each demonstration"  # under a feature, beside the demonstrations' names
 PLAUSIBLE = "plausible"  # under BELIEF, beside the models
-MOST_LINES = 4  # hypotheses with a line in the plot of a model's belief
+MOST_LINES = 3  # hypotheses with a line in the plot of a model's belief
 COLORS = (
-    palette.ORANGE, palette.SKY, palette.GREEN, palette.YELLOW, palette.PINK, palette.VERMILLION, palette.WHITE,
-    palette.GREY,
+    palette.ORANGE, palette.SKY, palette.GREEN, palette.YELLOW, palette.PINK, palette.VERMILLION, palette.GREY,
 )  # fmt: skip
 MARKERS = tuple(  # to tell lines apart in grey too
     map(rr.components.MarkerShape.auto, ("Circle", "Square", "Up", "Diamond", "Cross", "Down", "Plus", "Asterisk"))
 )
-_WIDTH, _DOT, _MARK = 1.5, 1.5, 4.0  # of lines, of markers along a line, and of markers that stand for themselves
+TRUE = len(MARKERS) - 1  # the place of the marker of the truth, which is white
+_WIDTH, _MARK = 1.5, 4.0  # of lines and of markers
 
 
 class Lines:
@@ -68,8 +69,7 @@ class Lines:
             for k in wanted:
                 if k not in drawn:
                     drawn.append(k)
-                    name = marked(self._labels[k]) if k == self._truth else self._labels[k]
-                    _style(self._recording, _belief(model, k), name, len(drawn) - 1, step=True)
+                    self._new(model, k, len(drawn) - 1)
             for k in drawn:
                 self._recording.log(_belief(model, k), rr.Scalars(float(posterior[k])))
             entity = _plausible(model)
@@ -81,11 +81,18 @@ class Lines:
                 )  # fmt: skip
             self._recording.log(entity, rr.Scalars(float(np.exp(entropy(posterior)))))
 
+    def _new(self, model: str, k: int, place: int) -> None:
+        entity, label = _belief(model, k), self._labels[k]
+        if k == self._truth:
+            _style(self._recording, entity, marked(label), TRUE, step=True, color=palette.WHITE)
+        else:
+            _style(self._recording, entity, label, place, step=True)
+
 
 def log_series(recording: rr.RecordingStream, inspection: Inspection) -> None:
     """Log the plots under `/series`."""
     motions = inspection.motions
-    log_motion_styles(recording, motions.joints)
+    log_motion_styles(recording, motions.axes, motions.joints)
     for row, name in enumerate(inspection.demonstration_ids):
         time_s = np.linspace(inspection.start_s[row], inspection.end_s[row], motions.waypoints.shape[1])
         log_motion(recording, motions, row, name, time_s, row + 1)
@@ -106,10 +113,13 @@ def lines_of(inspection: Inspection) -> list[int]:
     return first if truth is None or truth in first else [*first, truth]
 
 
-def log_motion_styles(recording: rr.RecordingStream, joints: Sequence[str]) -> None:
-    """Log what the lines of joints look like."""
-    for place, joint in enumerate(joints):
-        _style(recording, f"{JOINTS}/{part(joint)}", joint, place, marker=False)
+def log_motion_styles(recording: rr.RecordingStream, axes: Sequence[FeatureAxis], joints: Sequence[str]) -> None:
+    """Log what the lines of joints look like, and the points that stand for whole demonstrations."""
+    for axis in axes:
+        points = rr.SeriesPoints(names=drawable(axis.label), colors=palette.DEMONSTRATION, marker_sizes=_MARK)
+        recording.log(f"{FEATURES}/{part(axis.feature)}/{part(EACH)}", points, static=True)
+    for place, (joint, said) in enumerate(zip(joints, short_names(joints), strict=True)):
+        _style(recording, f"{JOINTS}/{part(joint)}", said, place, marker=False)
 
 
 def log_motion(
@@ -127,21 +137,33 @@ def log_motion(
     """
     clock = rr.TimeColumn(TIMELINE, duration=np.append(time_s, time_s[-1] + 1e-3))
     for column, joint in enumerate(motions.joints):
-        # a line would else go on to the next demonstration
-        values = np.append(motions.waypoints[row, :, column], np.nan)
-        recording.send_columns(f"{JOINTS}/{part(joint)}", indexes=[clock], columns=rr.Scalars.columns(scalars=values))
+        positions = rr.Scalars.columns(scalars=motions.waypoints[row, :, column])
+        # a row without a value at the end: else the line would go on to the next demonstration
+        gapped = positions.partition([1] * len(time_s) + [0])
+        recording.send_columns(f"{JOINTS}/{part(joint)}", indexes=[clock], columns=gapped)
     for column, axis in enumerate(motions.axes):
         entity = f"{FEATURES}/{part(axis.feature)}/{part(name)}"
-        _style(recording, entity, name, 0, color=palette.DEMONSTRATION)
+        _style(recording, entity, name, 0, color=palette.DEMONSTRATION, marker=False)
         values = motions.along[row, :, column]
         there = np.isfinite(values)
         if there.any():
             times = [rr.TimeColumn(TIMELINE, duration=time_s[there])]
             recording.send_columns(entity, indexes=times, columns=rr.Scalars.columns(scalars=values[there]))
-        recording.reset_time()
-        recording.set_time(DEMONSTRATIONS, sequence=step)
-        recording.log(entity, rr.Scalars(float(axis.shown(motions.raw[row, column]))))
     recording.reset_time()
+    recording.set_time(DEMONSTRATIONS, sequence=step)
+    for column, axis in enumerate(motions.axes):
+        value = float(axis.shown(motions.raw[row, column]))
+        recording.log(f"{FEATURES}/{part(axis.feature)}/{part(EACH)}", rr.Scalars(value))
+    recording.reset_time()
+
+
+def short_names(joints: Sequence[str]) -> list[str]:
+    """Names of joints without the words with which all of them begin, but for the last of these words."""
+    words = [joint.split("_") for joint in joints]
+    shared = 0
+    while len(joints) > 1 and all(len(one) > shared + 1 and one[shared] == words[0][shared] for one in words):
+        shared += 1
+    return ["_".join(one[max(0, shared - 1) :]) for one in words]
 
 
 def motion_views(
@@ -171,8 +193,8 @@ def belief_views(models: Iterable[str]) -> rrb.Tabs:
         _plot(f"{BELIEF}/{part(model)}", f"P(theta), {model_name(model)}", legend=True, y=(-0.02, 1.02), contents=None)
         for model in models
     ]
-    plausible = _plot(f"{BELIEF}/{PLAUSIBLE}", "Thetas still plausible", legend=True)
-    return rrb.Tabs(*reversed(views), plausible, active_tab=0)
+    plausible = _plot(f"{BELIEF}/{PLAUSIBLE}", "Thetas still plausible", legend=True, corner="RightTop")
+    return rrb.Tabs(*views, plausible, active_tab=len(views) - 1)
 
 
 def _plot(
@@ -183,6 +205,7 @@ def _plot(
     contents: list[str] | None = None,
     legend: bool = False,
     y: tuple[float, float] | None = None,
+    corner: Literal["LeftTop", "RightTop"] = "LeftTop",
 ) -> rrb.TimeSeriesView:
     edge = rrb.TimeRangeBoundary
     ranges = None
@@ -197,8 +220,11 @@ def _plot(
         name=drawable(name),
         contents=contents or "$origin/**",
         time_ranges=ranges,
+        axis_x=None
+        if window_s is not None
+        else rrb.TimeAxis(view_range=rr.TimeRange(edge.infinite(), edge.infinite())),
         axis_y=None if y is None else rrb.ScalarAxis(range=y),
-        plot_legend=rrb.PlotLegend(visible=legend, corner="LeftTop"),
+        plot_legend=rrb.PlotLegend(visible=legend, corner=corner),
     )
 
 
@@ -226,7 +252,5 @@ def _style(
     lines = rr.SeriesLines(names=said, colors=color, widths=_WIDTH, interpolation_mode=form)
     recording.log(entity, lines, static=True)
     if marker:
-        points = rr.SeriesPoints(
-            names=said, colors=color, markers=MARKERS[place % len(MARKERS)], marker_sizes=_MARK if step else _DOT
-        )
+        points = rr.SeriesPoints(names=said, colors=color, markers=MARKERS[place % len(MARKERS)], marker_sizes=_MARK)
         recording.log(entity, points, static=True)

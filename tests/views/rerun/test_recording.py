@@ -22,7 +22,7 @@ from pipeline.views import palette
 from pipeline.views.feature_axis import FeatureAxis
 from pipeline.views.rerun.density import ticks
 from pipeline.views.rerun.labels import drawable
-from pipeline.views.rerun.layout import hidden
+from pipeline.views.rerun.layout import camera, hidden
 from pipeline.views.rerun.posterior import page
 from pipeline.views.rerun.recording import open_viewer, quiet_environment, viewer_command, write_inspection
 from pipeline.views.rerun.records import (
@@ -35,7 +35,7 @@ from pipeline.views.rerun.records import (
     Weights,
 )
 from pipeline.views.rerun.robustness import decades
-from pipeline.views.rerun.timelines import TIMELINE
+from pipeline.views.rerun.timelines import DEMONSTRATIONS, TIMELINE
 from pipeline.views.task_summary import density_curve, density_map, replay_samples, theta_labels, theta_meaning
 from tests.support.live_viewer import not_blank, pictures
 
@@ -226,6 +226,7 @@ def test_shapes_and_paths_and_charts_are_all_there(chunks, inspection):
         "/space/demonstrations": "Points3D:positions",
         "/robustness/one\\ sampler/less/intervals": "LineStrips2D:strips",
         "/robustness/different\\ samplers/boltzmann": "LineStrips2D:strips",
+        "/weights/less/median": "Points2D:positions",
         "/summary": "TextDocument:text",
     }
     for entity, component in expected.items():
@@ -265,9 +266,10 @@ def test_a_capsule_starts_at_its_lower_cap(chunks):
 
 def test_bars_are_as_long_as_their_probabilities(chunks, inspection):
     layout = page(inspection)
-    chart, order = layout.chart, layout.order
+    chart, order = layout.chart, layout.rows.order
     assert chart.full == 1.0
     assert [inspection.theta_labels[k] for k in order] == ["height", "effort", "effort + height"]
+    assert names(chunks["/posterior/names"][0])[0][:3] == ["true: height", "effort", "effort + height"]
     (chunk,) = chunks["/posterior/less/bars"]
     assert chunk.num_rows == 4
     for step, (strips, radii) in enumerate(zip(column(chunk, "strips"), column(chunk, "radii"), strict=True)):
@@ -286,10 +288,22 @@ def test_a_long_list_of_hypotheses_ends_with_the_rest_together(inspection):
         inspection, theta_labels=tuple(f"theta {k}" for k in range(50)), posteriors={"less": posterior}
     )
     layout = page(many)
-    values = layout.row_values(posterior[-1])
-    assert (len(layout.order), layout.others, values.size) == (20, 30, 21)
-    assert values[-1] == pytest.approx(0.30)
+    values = layout.rows.values(posterior[-1])
+    assert (len(layout.rows.order), layout.rows.others, values.size) == (10, 40, 11)
+    assert values[-1] == pytest.approx(0.40)
+    assert layout.rows.names(many.theta_labels)[-1] == "the other 40 together"
     assert layout.chart.full == 0.5
+
+
+def test_the_sum_of_what_is_left_out_is_said_however_small(inspection, tmp_path):
+    posterior = np.array([[1 / 3] * 3] * 3 + [[0.9999, 0.00009, 0.00001]])
+    sure = dataclasses.replace(inspection, posteriors={"less": posterior}, nearest_truth=None)
+    write_inspection(tmp_path / "sure.rrd", sure)
+    found = list(RrdReader(tmp_path / "sure.rrd").stream())
+    rows = [name for chunk in found if chunk.entity_path == "/posterior/names" for name in names(chunk)]
+    assert rows[0][:2] == ["effort", "the other 2 together"]
+    said = [name for chunk in found if chunk.entity_path == "/posterior/less/values" for name in names(chunk)]
+    assert said == [["0.33", "0.67"]] * 3 + [["1.00", "<0.01"]]
 
 
 def test_the_path_draws_with_the_hand_of_the_demonstration_that_plays(chunks, inspection):
@@ -302,13 +316,115 @@ def test_the_path_draws_with_the_hand_of_the_demonstration_that_plays(chunks, in
     np.testing.assert_allclose(seconds[:11], np.linspace(0.0, 2.0, 11), atol=1e-9)
 
 
+def test_the_name_is_above_the_hand_and_not_on_what_it_holds(chunks):
+    hand, name = (
+        np.concatenate(
+            [
+                np.array(logged(chunk, "positions"))[:, 0]
+                for chunk in chunks[f"/scene/playing/{one}"]
+                if logged(chunk, "positions")
+            ]
+        )
+        for one in ("hand", "name")
+    )
+    np.testing.assert_allclose(hand[:, :2], name[:, :2], atol=1e-6)
+    assert (name[:, 2] - hand[:, 2] > 0.1).all()
+
+
+def steps_of(chunk) -> list:
+    return chunk.to_record_batch().column(DEMONSTRATIONS).to_pylist()
+
+
+def test_each_step_of_the_other_timeline_is_one_demonstration(chunks):
+    assert steps_of(chunks["/scene/bodies/fore"][0]) == [0] + [1] * 50 + [2] * 51 + [3] * 51
+    assert steps_of(chunks["/posterior/less/bars"][0]) == [0, 1, 2, 3]
+    assert [step for chunk in chunks["/scene/playing"] if lines(chunk) for step in steps_of(chunk)] == (
+        [1] * 11 + [2] * 11 + [3] * 11
+    )
+
+
+def scalars(found, timeline) -> dict:
+    """Time on a timeline -> value, of all chunks that have it."""
+    values = {}
+    for chunk in found:
+        if not chunk.is_static and timeline in chunk.timeline_names:
+            times = chunk.to_record_batch().column(timeline).cast("int64").to_pylist()
+            values |= {time: row[0] if row else None for time, row in zip(times, column(chunk, "scalars"), strict=True)}
+    return values
+
+
+def test_the_belief_is_plotted_against_the_demonstrations_and_the_clock(chunks, inspection):
+    for model, steps in inspection.posteriors.items():
+        for k in range(3):
+            found = chunks[f"/series/belief/{model}/{k}"]
+            assert list(scalars(found, DEMONSTRATIONS)) == [0, 1, 2, 3]
+            np.testing.assert_allclose(list(scalars(found, DEMONSTRATIONS).values()), steps[:, k])
+            np.testing.assert_allclose(np.array(list(scalars(found, TIMELINE))) / 1e9, [0.0, 2.0, 3.5, 7.0])
+        left = list(scalars(chunks[f"/series/belief/plausible/{model}"], DEMONSTRATIONS).values())
+        np.testing.assert_allclose(left, np.exp(-(steps * np.log(steps)).sum(axis=1)))
+    (name,) = [row for chunk in chunks["/series/belief/less/1"] for row in logged(chunk, "names") if chunk.is_static][
+        :1
+    ]
+    assert name == ["true: height"]
+
+
+def test_joints_and_features_are_plotted_along_each_demonstration(chunks, inspection):
+    motions = inspection.motions
+    elbow = scalars(chunks["/series/joints/elbow"], TIMELINE)
+    rows = np.array(list(elbow.values()), dtype=object).reshape(3, 12)
+    np.testing.assert_allclose(rows[:, :11].astype(float), motions.waypoints[:, :, 1])
+    assert (rows[:, 11] == None).all()  # noqa: E711  # so that no line leads from one demonstration to the next
+    along = scalars(chunks["/series/features/height/ann\\ 2"], TIMELINE)
+    np.testing.assert_allclose(list(along.values()), motions.along[1, :, 1])
+    np.testing.assert_allclose(np.array(list(along)) / 1e9, np.linspace(2.5, 3.5, 11))
+    each = scalars(chunks["/series/features/height/each\\ demonstration"], DEMONSTRATIONS)
+    assert each == pytest.approx({step + 1: motions.raw[step, 1] / 10 for step in range(3)})
+    assert not scalars(chunks["/series/features/effort/ann\\ 2"], TIMELINE)  # it has no value at a waypoint
+
+
+def test_the_truth_is_marked_in_the_weights_and_among_the_features(chunks, inspection):
+    low, high = (chunks["/weights/less/interval"][0], chunks["/weights/truth"][0])
+    ends = np.array(lines(low)[0])[:, :, 0]  # (F, 2), in the order of the features and not of the table
+    truth = np.array(lines(high)[0])[:, 0, 0]
+    across = np.interp(np.concatenate([ends.ravel(), truth]), [130.0, 550.0], [-1.0, 1.0])
+    np.testing.assert_allclose(across, [-0.6, 0.3, -0.9, -0.7, -0.6, -0.8], atol=1e-5)
+    arrows = {
+        name: np.array(logged(chunks[f"/space/wanted/{name}"][0], "vectors"))[0, 0] for name in ("LESS", "the\\ truth")
+    }
+    assert arrows["LESS"] == pytest.approx([-0.4, 0.0, 0.0])
+    assert arrows["the\\ truth"] == pytest.approx([0.0, -0.4, 0.0])
+
+
+def test_where_nobody_knows_the_truth_nothing_is_marked(inspection, tmp_path):
+    space = dataclasses.replace(inspection.space, truth=None)
+    weights = dataclasses.replace(inspection.weights, truth=None)
+    blind = dataclasses.replace(inspection, nearest_truth=None, space=space, weights=weights)
+    write_inspection(tmp_path / "blind.rrd", blind)
+    found = list(RrdReader(tmp_path / "blind.rrd").stream())
+    assert not {"/weights/truth", "/space/wanted/the\\ truth"} & {chunk.entity_path for chunk in found}
+    said = [name for chunk in found for kind in ("labels", "names") for name in logged(chunk, kind)]
+    assert said
+    assert not [text for row in said for text in row if "tru" in text]
+
+
+def test_the_camera_turns_aside_where_the_arm_would_point_at_it():
+    base, viewpoint = np.zeros(3), np.array([2.0, 0.0, 1.0])
+    box = np.array([[-0.5, -0.5, 0.0], [0.5, 0.5, 1.0]])
+    ahead = np.array([[1.0, y, 0.3] for y in np.linspace(-0.2, 0.2, 20)])
+    for hands, least in ((ahead, 50.0), (ahead @ np.diag([-1.0, 1.0, 1.0]), 0.0), (None, 0.0)):
+        position, target = camera(box, base, viewpoint, hands)
+        turned = abs(np.degrees(np.arctan2(*(position - target)[1::-1])))
+        assert least - 1e-9 <= turned <= least + 15.0
+        assert (position - target)[2] > 0
+
+
 def test_a_set_of_alternatives_that_does_not_fit_is_refused():
     with pytest.raises(ArgumentError, match="working must be finite"):
         AlternativeSet(("working",), ("wide",), np.full((1, 2, 3), np.nan), np.zeros(1))
     with pytest.raises(ArgumentError, match="working needs a name and 1 samplers; got 2"):
         AlternativeSet(("working",), ("wide", "near"), np.zeros((1, 2, 3)), np.zeros(1))
     with pytest.raises(ArgumentError, match=r"alternatives of the feature space must have shape \(4, 3\)"):
-        FeatureSpace(("a", "b", "c"), ("m", "m", "m"), np.zeros((3, 3)), np.zeros(4), np.zeros((1, 3)))
+        FeatureSpace(("a", "b", "c"), np.zeros((3, 3)), np.zeros(4), np.zeros((1, 3)))
 
 
 def test_sets_that_are_not_shown_wait_in_the_tree(inspection):
@@ -331,8 +447,8 @@ def test_logarithmic_axes_end_on_round_numbers(low, high, expected):
 def test_text_has_the_numbers_and_only_characters_that_can_be_drawn(chunks):
     text = column(chunks["/summary"][0], "text")[0][0]
     assert text.startswith("# reach\nThree demonstrations, 200 alternatives. ≈ ?? ?")
-    assert "| height | 0.200 | 0.900 |" in text
-    labels = [name for chunk in chunks["/scene/playing/hand"] for name in names(chunk)]
+    assert "| true: height | 0.200 | 0.900 |" in text
+    labels = [name for chunk in chunks["/scene/playing/name"] for name in names(chunk)]
     assert labels == [["ann 1"], ["ann 2"], ["bob ?"]]
 
 
@@ -358,7 +474,7 @@ def test_nothing_inside_says_when_it_was_written(chunks):
     # `rerun rrd compare` does not look at properties
     assert [entity for entity in chunks if entity.startswith("/__properties")] == ["/__properties/task"]
     timelines = {name for found in chunks.values() for chunk in found for name in chunk.timeline_names}
-    assert timelines == {TIMELINE}
+    assert timelines == {TIMELINE, DEMONSTRATIONS}
 
 
 def test_the_layout_is_inside(recording):
@@ -432,7 +548,7 @@ def test_no_view_reports_an_error_at_any_time(recording, inspection, tmp_path):
             viewer.set_time(timeline=TIMELINE, duration=time_s, play_state="paused")
             time.sleep(1.0)
             state = viewer.get_state()
-            assert len(state.views) == 9
+            assert len(state.views) == 16
             assert [view.reports for view in state.views if view.reports] == []
             viewer.save_screenshot(str(tmp_path / f"{place}.png"))
             shots.append(not_blank(tmp_path / f"{place}.png"))
