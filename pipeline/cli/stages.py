@@ -84,14 +84,18 @@ def density(task: TaskName) -> None:
 def infer(task: TaskName, live: IsLive = False, port: Port = 9876, bind: Bind = "127.0.0.1", stay: Stay = None) -> None:
     """Compute the posterior over theta and beta under every model (posteriors.parquet).
 
+    Then it says the answer of the task, if that rests on the same tables, and else how to get it.
     `lessbench infer table --live` then writes inspect.rrd as well and serves it to Rerun viewers.
 
     Example: `lessbench infer table`, then `lessbench sql "from best_hypothesis where task = 'table'"`.
     """
+    from pipeline.commands.answer import after_inference
+    from pipeline.formats.files.parent_process import BY_DVC
     from pipeline.stages.infer import run
 
     if not live:
-        return run(this_project(), task)
+        run(this_project(), task)
+        return None if BY_DVC else after_inference(this_project(), task)
     from pipeline.commands.serve import Live, run_and_serve
     from pipeline.stages import inspect
 

@@ -9,8 +9,10 @@ import polars as pl
 from pipeline.answers.tables import answer_lines
 from pipeline.errors import StageError
 from pipeline.formats.parquet.checked.open_table import OpenTable
-from pipeline.terminal import say, say_json
+from pipeline.stages.registry import parameters
+from pipeline.terminal import note, say, say_json
 from pipeline.workspace.project import Project
+from pipeline.workspace.provenance import is_current
 
 TABLE = "answers"
 
@@ -33,6 +35,21 @@ def run(project: Project, name: str | None, as_json: bool) -> None:
         for line in ([""] if number else []) + answer_lines(table):
             say(line)
     return None
+
+
+def after_inference(project: Project, task: str) -> None:
+    """Say the answer that belongs to the posteriors just computed, or how to get it."""
+    path = project.table(task, TABLE)
+    if path.exists():
+        with OpenTable(path, TABLE) as table:
+            current = is_current(project, parameters("answer", task), table)
+            lines = answer_lines(table.read()) if current else []
+    else:
+        lines = []
+    for line in lines:
+        say(line)
+    if not lines:
+        note(f"what {task} comes to, and whether to trust it: lessbench conclude {task}")
 
 
 def answer_of(project: Project, task: str) -> pl.DataFrame:

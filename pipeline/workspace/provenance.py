@@ -52,6 +52,21 @@ def provenance(
     }
 
 
+def is_current(project: Project, parameters: Sequence[str], table: OpenTable) -> bool:
+    """Whether a table was made with the parameters and from the very inputs that are there now.
+
+    Args:
+        project: whose table it is.
+        parameters: as of `provenance`.
+        table: one that states its provenance.
+    """
+    stated, inputs = table.provenance, table.provenance.get("inputs")
+    if not isinstance(inputs, dict) or stated.get("parameters") != params.fingerprint(project.params, parameters):
+        return False
+    files = {project.root / str(shown): known for shown, known in inputs.items()}
+    return all(path.is_file() and content_hash(path) == known for path, known in files.items())
+
+
 def _stated(project: Project, source: Path | OpenTable) -> dict[str, object]:
     """What an input says about itself; only tables say anything."""
     if isinstance(source, OpenTable):

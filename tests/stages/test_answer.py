@@ -102,3 +102,26 @@ def test_no_answer_yet(make_project: Make, parameters: dict[str, Any]) -> None:
         command.run(project, None, as_json=False)
     with pytest.raises(StageError, match="lessbench conclude sweep"):
         command.run(project, "sweep", as_json=False)
+
+
+def test_the_answer_is_said_after_inference_if_it_rests_on_the_same_tables(
+    make_project: Make, parameters: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = answered(make_project, parameters)
+    lines = answer_lines(table(project, "answers"))
+    capsys.readouterr()
+    command.after_inference(project, "sweep")
+    assert capsys.readouterr().out.splitlines() == lines
+
+    parameters["sample"]["working_set"] += 1
+    for one in (sample, featurize, density):
+        one.run(make_project(parameters), "sweep")
+    capsys.readouterr()
+    command.after_inference(project, "sweep")
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "lessbench conclude sweep" in err
+
+    project.table("sweep", "answers").unlink()
+    command.after_inference(project, "sweep")
+    assert "lessbench conclude sweep" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pipeline.errors import StageError
 from pipeline.terminal import say
 
-_BY_DVC = "DVC_STAGE" in os.environ
+BY_DVC = "DVC_STAGE" in os.environ
 _SHELLS = {"sh", "bash", "dash", "zsh", "fish", "ksh"}
 _LOOK_S = 0.5
 
@@ -29,7 +29,7 @@ def _lineage() -> tuple[object, ...]:
     return (parent,)
 
 
-_STARTED_BY = _lineage() if _BY_DVC else ()
+_STARTED_BY = _lineage() if BY_DVC else ()
 
 
 def require_parent() -> None:
@@ -44,7 +44,7 @@ def require_parent() -> None:
 
 def end_with_parent() -> None:
     """From now on, end this process as soon as the DVC that started it is gone. Files appear whole: nothing is torn."""
-    if _BY_DVC:
+    if BY_DVC:
         threading.Thread(target=_watch, name="end-with-parent", daemon=True).start()
 
 
@@ -56,4 +56,4 @@ def _watch() -> None:
 
 
 def _orphaned() -> bool:
-    return _BY_DVC and _lineage() != _STARTED_BY
+    return BY_DVC and _lineage() != _STARTED_BY
