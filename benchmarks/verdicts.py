@@ -13,7 +13,7 @@ from benchmarks.explained import explain
 from benchmarks.measuring import show, timed
 from pipeline.answers.assessment import assess
 from pipeline.answers.simulated_setups import KINDS, make
-from pipeline.answers.verdict import Trust, judge
+from pipeline.answers.verdict import Trust
 
 
 def main() -> None:
@@ -25,7 +25,7 @@ def main() -> None:
         for seed in range(first, first + seeds):
             setup = make(kind, seed)
             seconds, answer = timed(assess, np.random.default_rng([seed, 1]), setup.case)
-            verdict, missed = judge(answer.numbers), setup.missed(answer)
+            verdict, missed = answer.verdict, setup.missed(answer)
             found[verdict.trust, missed] += 1
             took += seconds
             if kind.startswith("sound"):

@@ -41,8 +41,9 @@ Made from the models in `pipeline/params/sections.py` and the comments of `param
 
 `params.yaml` holds all that can be set, and nothing that can be computed. Unknown names and values that a parameter
 may not have are refused before anything is computed, and the message names the parameter. To try other values without
-changing the file, write only those into a second file and give it as `lessbench --overlay FILE`. `dvc repro` computes
-again what a change reaches. An entry without a value in the third column is there only if you add it.
+changing the file, write only those into a second file and give it as `lessbench --overlay FILE`. After a change,
+`dvc repro` computes again what depends on it. If the third column is empty, the entry is in the file only if you add
+it.
 """
 
 
@@ -126,9 +127,8 @@ def _rows(
     for name, inner in below["properties"].items():
         place = (*path, name)
         for row in _rows(models, written, place, inner):
-            ending = "|  |"
-            if row.endswith(ending) and name in explained and _model(models, inner) is None:
-                row = f"{row.removesuffix(ending)}| {_cell(explained[name])} |"
+            if name in explained and _model(models, inner) is None:
+                row = f"{row.removesuffix(' |').rpartition(' | ')[0]} | {_cell(explained[name])} |"
             yield row
 
 

@@ -31,7 +31,7 @@ def installed(group: str, name: str) -> Any | None:
         except Exception as error:
             raise ParameterError(
                 f"the {_WHAT[group]} {name!r} is promised by {entry.value!r} of an installed package, which cannot be "
-                f"imported ({type(error).__name__}: {error}); mend or remove that package"
+                f"imported ({type(error).__name__}: {error}); correct or remove that package"
             ) from error
     return None
 

@@ -14,12 +14,13 @@ from itertools import chain
 
 import numpy as np
 
-from pipeline.answers.calibration import calibrate
+from pipeline.answers.calibration import calibrate, recover
 from pipeline.answers.checks import departure, edge_probability, outside_share, surprise, truth_level
-from pipeline.answers.verdict import Numbers
+from pipeline.answers.verdict import OVER_SPACE, RULES, Numbers, Verdict, judge
 from pipeline.answers.words import stated_signs
 from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann, select_bandwidth
+from pipeline.choice.explored import ExploredSpace, Region
 from pipeline.choice.models import Model
 from pipeline.choice.prediction import PredictiveCheck, effective_alternatives, predictive, predictive_check
 from pipeline.choice.weights import (
@@ -35,6 +36,7 @@ from pipeline.choice.weights.choices import SeparateChoices
 from pipeline.choice.weights.held_out import leave_one_out
 from pipeline.choice.weights.hierarchy import DEFAULT_GROUP
 
+_WIDTHS = 0.5, 2.0  # of the kernel, beside its own
 _LIKELY = 0.05  # probability from which on a scale of the prior is one that might be
 
 
@@ -53,7 +55,7 @@ class Case:
         bandwidth: of LESS, in scaled features; None: selected.
         truth: (P, F) true directions on scaled features, of simulated people; None if nobody knows.
         remarks: recordings that were refused, cut off or repaired; None if it was not looked at.
-        explored: of each exploration of the choice space under LESS, scaled features (M, F) and log weights (M,).
+        space: the choice space, if it was explored. Then it, and not the alternatives, is what people chose from.
     """
 
     alternatives: FloatArray | Sequence[FloatArray]
@@ -66,7 +68,7 @@ class Case:
     bandwidth: float | None = None
     truth: FloatArray | None = None
     remarks: int | None = None
-    explored: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    space: ExploredSpace | None = None
 
     @property
     def shared(self) -> bool:
@@ -101,6 +103,12 @@ class Case:
         sets = [self.rows] if isinstance(self.rows, np.ndarray) else self.rows
         return float(np.median([select_bandwidth(rows).value for rows in sets]))
 
+    def considered(self, model: Model) -> Choices | SeparateChoices:
+        """The demonstrations and what they were chosen from: the explored space, or else the alternatives."""
+        if self.space is None:
+            return choices_from(model, self.chosen, self.rows)
+        return Choices.over(self.space.region(model.name), self.chosen)
+
     def groups(self) -> dict[str, list[int]]:
         """By person, in order of their names, the demonstrations that they gave."""
         return {name: [n for n, who in enumerate(self.people) if who == name] for name in sorted(set(self.people))}
@@ -115,15 +123,6 @@ def choices_from(model: Model, chosen: FloatArray, rows: Sets) -> Choices | Sepa
         return Choices.outside(model, chosen, rows)
     parts = (Choices.outside(model, one[None], own) for one, own in zip(chosen, rows, strict=True))
     return SeparateChoices(tuple(parts))
-
-
-def choices_from_region(chosen: FloatArray, rows: FloatArray, log_w: FloatArray) -> Choices:
-    """Demonstrations (n, F) chosen from an explored space: rows (M, F) that stand for volumes exp(log_w).
-
-    Each demonstration joins with the median volume, as what a person did is part of what could be done.
-    """
-    own = np.full(len(chosen), np.median(log_w))
-    return Choices(rows, log_w, chosen, own, np.broadcast_to(log_w, (len(chosen), len(log_w))))
 
 
 def _pooled(sets: FloatArray | Sequence[FloatArray]) -> FloatArray:
@@ -154,6 +153,7 @@ class Answer:
         ways: the same weights computed in other ways, by name: models, explorations, samplers, bandwidths, scales,
             prior.
         numbers: for the verdict.
+        over_space: whether people are taken to have chosen from an explored space.
     """
 
     group: GroupDraws
@@ -161,6 +161,12 @@ class Answer:
     scale: FloatArray
     ways: Mapping[str, tuple[WeightDraws, ...]]
     numbers: Numbers
+    over_space: bool = False
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether to trust it."""
+        return judge(self.numbers, OVER_SPACE if self.over_space else RULES)
 
     def cap(self, level: float) -> float:
         """Angle (rad) around the answer's direction that holds theta with probability `level` whichever way it is
@@ -177,7 +183,7 @@ def widest_cap(answer: WeightDraws, ways: Mapping[str, tuple[WeightDraws, ...]],
 
 def assess(rng: np.random.Generator, case: Case, prior: GroupPrior = DEFAULT_GROUP) -> Answer:
     """Compute the answer and check it in every way that the case allows."""
-    together = choices_from(LESS(case.sigma), case.chosen, case.rows)
+    together = case.considered(LESS(case.sigma))
     group = sample_group(rng, [together.subset(own) for own in case.groups().values()], prior, count=512)
     answer = group.group
     pooled = sample_weights(rng, together, prior.weights, 2048)
@@ -196,48 +202,66 @@ def assess(rng: np.random.Generator, case: Case, prior: GroupPrior = DEFAULT_GRO
         surprise=surprise(held_out_check(together, pooled)) if together.count > 1 else None,
         alternatives=float(np.median([effective_alternatives(p) for p in predicted])),
         disagreement=group.disagreement if len(case.groups()) > 1 else None,
-        coverage=_coverage(rng, case, group, prior) if case.repetitions and case.shared else None,
+        divided=float(group.divided(stated_signs(answer)).max()) if len(case.groups()) > 1 else None,
+        coverage=_coverage(rng, case, group, prior),
         edge=edge_probability(pooled, prior.weights),
         truth=None if case.truth is None else truth_level(case.truth, answer, [*chain.from_iterable(ways.values())]),
         remarks=case.remarks,
     )
-    return Answer(group, pooled, case.divisor, ways, numbers)
+    return Answer(group, pooled, case.divisor, ways, numbers, case.space is not None)
 
 
 def _other_ways(
     rng: np.random.Generator, case: Case, pooled: WeightDraws, prior: WeightPrior
 ) -> dict[str, tuple[WeightDraws, ...]]:
-    """All demonstrations together under everything else that might have been chosen; names as in `Numbers`."""
+    """All demonstrations together under everything else that might have been chosen; names as in `Numbers`.
 
-    def other(model: Model, rows: Sets) -> WeightDraws:
-        return sample_weights(rng, choices_from(model, case.chosen, rows), prior, 1024)
+    Over an explored space the bandwidth is that of its kernel, and samplers are not asked: each sees a part of what all
+    of them together, and the search, have found.
+    """
+
+    def drawn(choices: Choices | SeparateChoices) -> WeightDraws:
+        return sample_weights(rng, choices, prior, 1024)
 
     likely, by_scale = pooled.by_scale(prior)
     found = {
-        "models": (other(Boltzmann(), case.rows),),
-        "bandwidths": tuple(other(LESS(factor * case.sigma), case.rows) for factor in (0.5, 2.0)),
+        "models": (drawn(case.considered(Boltzmann())),),
         "scales": (_scaled_otherwise(rng, case, prior),),
         "prior": tuple(part for part, p in zip(by_scale, likely, strict=True) if p >= _LIKELY),
     }
+    if case.space is not None:
+        smoothed = [Region.mean(case.space.smoothed(factor)) for factor in _WIDTHS]
+        found["bandwidths"] = tuple(drawn(Choices.over(region, case.chosen)) for region in smoothed)
+        if len(case.space.regions[LESS.name]) > 1:
+            parts = case.space.regions[LESS.name]
+            found["explorations"] = tuple(drawn(Choices.over(part, case.chosen)) for part in parts)
+        return found
+    found["bandwidths"] = tuple(drawn(choices_from(LESS(w * case.sigma), case.chosen, case.rows)) for w in _WIDTHS)
     fewest = len(case.rows) if isinstance(case.rows, np.ndarray) else min(map(len, case.rows))
     if fewest >= 8:
-        found["explorations"] = tuple(other(LESS(), half) for half in _halves(rng, case.rows))
-    if case.explored:
-        regions = (choices_from_region(case.chosen, rows, log_w) for rows, log_w in case.explored)
-        over_space = tuple(sample_weights(rng, choices, prior, 1024) for choices in regions)
-        found["explorations"] = (*found.get("explorations", ()), *over_space)
+        halves = _halves(rng, case.rows)
+        found["explorations"] = tuple(drawn(choices_from(LESS(), case.chosen, half)) for half in halves)
     if case.others:
-        found["samplers"] = tuple(other(LESS(), rows) for rows in case.others)
+        found["samplers"] = tuple(drawn(choices_from(LESS(), case.chosen, rows)) for rows in case.others)
     return found
 
 
 def _scaled_otherwise(rng: np.random.Generator, case: Case, prior: WeightPrior) -> WeightDraws:
     """With features scaled by their standard deviation; its weights in the units of the answer."""
-    by_std, scale = _pooled(case.alternatives).std(axis=0), case.divisor
+    scale = case.divisor
+    if case.space is None:
+        by_std = _pooled(case.alternatives).std(axis=0)
+    else:
+        by_std = case.space.region(LESS.name).features.std(axis=0) * scale
     by_std = np.where(by_std > 0, by_std, scale)  # of a feature in which alternatives do not vary
     # the prior speaks of ranges: a standard deviation is a fraction of one
     by_std = by_std * np.exp(np.log(scale / by_std).mean())
-    choices = choices_from(LESS(), case.demonstrations / by_std, _divided(case.alternatives, by_std))
+    if case.space is None:
+        choices = choices_from(LESS(), case.demonstrations / by_std, _divided(case.alternatives, by_std))
+    else:  # volumes change by one factor, which changes nothing
+        region = case.space.region(LESS.name)
+        stretched = Region(region.features * (scale / by_std), region.log_w)
+        choices = Choices.over(stretched, case.demonstrations / by_std)
     draws = sample_weights(rng, choices, prior, 1024)
     return WeightDraws(draws.omega * (scale / by_std), draws.log_weight, draws.pareto_k, draws.log_evidence)
 
@@ -255,12 +279,24 @@ def held_out_check(together: Choices | SeparateChoices, pooled: WeightDraws) -> 
     return PredictiveCheck(np.concatenate([one.place for one in found]), np.concatenate([one.p_value for one in found]))
 
 
-def _coverage(rng: np.random.Generator, case: Case, group: GroupDraws, prior: GroupPrior) -> float:
-    """Of 90 % regions, for people like these who choose from everything that is known of the choice space."""
+def _coverage(rng: np.random.Generator, case: Case, group: GroupDraws, prior: GroupPrior) -> float | None:
+    """Of 90 % regions, for people like these who choose from everything that is known of the choice space.
+
+    People who choose from one exploration are inferred with another. None where nothing can be said: each demonstration
+    has its own alternatives, there is one exploration, or nothing is to be repeated.
+    """
+    regions = case.space.regions[LESS.name] if case.space else ()
+    if not case.repetitions or not case.shared or len(regions) == 1:
+        return None
+    truths, count = group.group.resampled(rng, case.repetitions), len(case.demonstrations)
+    if regions:
+        options, known = regions[:2]
+        return recover(
+            rng, truths, options, lambda chosen: Choices.over(known, chosen), count, prior.weights, draws=512
+        ).coverage()
     rows = _pooled(case.rows)
     found = calibrate(
-        rng, {LESS.name: LESS(case.sigma)}, rows, len(case.demonstrations), case.repetitions, prior.weights,
-        truths=group.group.resampled(rng, case.repetitions), pool=np.concatenate([rows, *map(_pooled, case.others)]),
-        count=512,
+        rng, {LESS.name: LESS(case.sigma)}, rows, count, case.repetitions, prior.weights, truths=truths,
+        pool=np.concatenate([rows, *map(_pooled, case.others)]), count=512,
     )  # fmt: skip
     return found.recoveries[LESS.name, LESS.name].coverage()

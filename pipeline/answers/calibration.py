@@ -11,12 +11,14 @@ simulation-based calibration, arXiv 1804.06788.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.arrays import FloatArray
+from pipeline.choice.explored import Region
 from pipeline.choice.metrics import angle_to
 from pipeline.choice.models import Model
 from pipeline.choice.validation import matrix
@@ -152,6 +154,34 @@ def calibrate(
                 one = _One.of(draws, choices, truth, with_score=len(models) > 1)
                 found.setdefault((label, other), []).append(one)
     return Calibration({pair: _together(some) for pair, some in found.items()})
+
+
+def recover(
+    rng: np.random.Generator,
+    truths: FloatArray,
+    options: Region,
+    infer: Callable[[FloatArray], Choices],
+    demonstrations: int,
+    prior: WeightPrior = DEFAULT,
+    draws: int = 1024,
+) -> Recovery:
+    """Simulate people who choose from an explored choice space, and infer them back.
+
+    Args:
+        rng: random stream.
+        truths: (R, F) the weights that people have, one after another.
+        options: what they choose from.
+        infer: from features (n, F) of what was chosen to choices; it may know of another exploration.
+        demonstrations: n, of each person.
+        prior: of inference.
+        draws: of each posterior.
+    """
+    found = []
+    for truth in truths:
+        rows = choose(rng, truth, options.features, options.log_w, demonstrations)
+        choices = infer(options.features[rows])
+        found.append(_One.of(sample_weights(rng, choices, prior, draws), choices, truth, with_score=False))
+    return _together(found)
 
 
 def choose(

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import polars as pl
+from scipy import sparse
+from scipy.spatial import cKDTree
 
 from pipeline.arrays import FloatArray
-from pipeline.choice.prediction import PredictiveCheck, most_probable, predicted_interval
+from pipeline.choice.explored import Region
+from pipeline.choice.prediction import PredictiveCheck, most_probable, neighbourhoods, predicted_interval
+from pipeline.choice.weights.draws import SortedColumns
 from pipeline.vocabulary import model_name
 
 RADIUS = 0.1  # in scaled features: motions nearer than this are of one kind
@@ -21,39 +26,69 @@ class Offer:
     """What someone chooses from.
 
     Attributes:
-        ids: (N,) alternatives.
+        waypoints: (N, T, J) trajectories.
         raw: (N, F) features.
         scaled: (N, F) the same divided by their scales.
         positions: (N, T, 3) m, of the end effector.
+        log_w: (N,) log weights under a model.
     """
 
-    ids: Sequence[str]
+    waypoints: FloatArray
     raw: FloatArray
     scaled: FloatArray
     positions: FloatArray
+    log_w: FloatArray
+
+    @cached_property
+    def sorted_features(self) -> SortedColumns:
+        """The raw features."""
+        return SortedColumns.of(self.raw)
+
+    @cached_property
+    def sorted_positions(self) -> SortedColumns:
+        """The positions as (N, 3 T)."""
+        return SortedColumns.of(self.positions.reshape(len(self.positions), -1))
+
+    @cached_property
+    def near(self) -> sparse.csr_array:
+        """Which are of one kind."""
+        return neighbourhoods(self.scaled, RADIUS)
+
+
+def log_mass_of_cells(draws: Region, cells: FloatArray) -> FloatArray:
+    """(N,) log of the weight of the draws that lie nearer to one of the cells' features (N, F) than to the others.
+
+    So that what Boltzmann's draws foretell is shown by the trajectories that stand for the cells. It is -inf where no
+    draw lies.
+    """
+    _, nearest = cKDTree(cells).query(draws.features)
+    peak = draws.log_w.max()
+    mass = np.bincount(nearest, weights=np.exp(draws.log_w - peak), minlength=len(cells))
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(mass) + peak)
 
 
 def feature_rows(names: Sequence[str], offer: Offer, probabilities: FloatArray) -> pl.DataFrame:
     """Rows of the table `predictions`, but for who is predicted."""
-    found = predicted_interval(offer.raw, probabilities)
+    found = predicted_interval(offer.raw, probabilities, columns=offer.sorted_features)
     return pl.DataFrame({"feature": list(names), "low": found.lower, "median": found.median, "high": found.upper})
 
 
 def motion_rows(offer: Offer, probabilities: FloatArray) -> pl.DataFrame:
     """Rows of the table `predicted_motion`, but for who is predicted."""
-    found = predicted_interval(offer.positions, probabilities)
+    found = predicted_interval(offer.positions, probabilities, columns=offer.sorted_positions)
     rows = pl.DataFrame({"low": found.lower, "median": found.median, "high": found.upper})
     return rows.with_columns(waypoint=pl.int_range(pl.len(), dtype=pl.Int64))
 
 
 def likely_rows(offer: Offer, probabilities: FloatArray) -> pl.DataFrame:
     """Rows of the table `likely_paths`, but for who is predicted."""
-    found = most_probable(offer.scaled, probabilities, LIKELIEST, RADIUS)
+    found = most_probable(offer.scaled, probabilities, LIKELIEST, RADIUS, offer.near)
     return pl.DataFrame(
         {
             "rank": np.arange(1, len(found.rows) + 1),
-            "alternative_id": [offer.ids[row] for row in found.rows],
             "probability": np.minimum(found.probability, 1.0),
+            "waypoints": offer.waypoints[found.rows],
         }
     )
 

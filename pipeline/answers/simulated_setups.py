@@ -2,7 +2,8 @@
 truth?
 
 Three features live in a bounded region of the unit cube. People choose from the whole region in proportion to
-exp(omega . phi), as LESS does in the limit; the analyst sees alternatives that some sampler drew from it.
+exp(omega . phi), as LESS does in the limit; the analyst sees alternatives that some sampler drew from it, or has
+explored the region.
 """
 
 from __future__ import annotations
@@ -16,11 +17,14 @@ from pipeline.answers.assessment import Answer, Case
 from pipeline.answers.calibration import choose
 from pipeline.answers.words import stated_signs
 from pipeline.arrays import FloatArray
+from pipeline.choice import LESS, Boltzmann
+from pipeline.choice.explored import ExploredSpace, Region, region_log_weights
 from pipeline.choice.metrics import angle_to
 from pipeline.choice.weights import Choices
 from pipeline.choice.weights.laplace import find_modes
 
 _POOL = 6000
+_COVERED, _KERNEL = 3000, 0.05  # rows of an exploration, and the width of its kernel in scaled features
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,16 +143,14 @@ def _beyond(rng: np.random.Generator, kind: str) -> SetUp:
 
 
 def _wrong_ends(rng: np.random.Generator, kind: str) -> SetUp:
-    """The alternatives start or end elsewhere, which shifts their features; poses tell, features may not.
+    """People start or end elsewhere, which shifts their features; poses tell, features may not.
 
     A gap of the ends is taken to shift features by half as much, relative to the way and to the features' ranges.
     """
     sound = _sound(rng, kind)
     shift = rng.uniform(0.08, 0.25, 3) * rng.choice([-1, 1], 3)
-    case = sound.case
-    moved = tuple(other + shift for other in case.other_samplers)
-    case = replace(case, alternatives=case.alternatives + shift, other_samplers=moved)
-    return replace(sound, case=replace(case, end_gap=2 * float(np.linalg.norm(shift))))
+    gap = 2 * float(np.linalg.norm(shift))
+    return replace(sound, case=replace(sound.case, demonstrations=sound.case.demonstrations - shift, end_gap=gap))
 
 
 def _boltzmann_people(rng: np.random.Generator, kind: str) -> SetUp:
@@ -187,6 +189,23 @@ def _described(pool: FloatArray, p: FloatArray) -> FloatArray:
     return np.asarray(find_modes(choices, np.zeros((1, pool.shape[1])), np.array([100.0])).omega[0])
 
 
+def _explored(maker: Callable[[np.random.Generator, str], SetUp]) -> Callable[[np.random.Generator, str], SetUp]:
+    """The same people, and an analyst who has explored the region twice; what a sampler drew is the base measure."""
+
+    def make_one(rng: np.random.Generator, kind: str) -> SetUp:
+        made = maker(rng, kind)
+        case = made.case
+        known = [region(rng, _COVERED) / case.divisor for _ in range(2)]
+        draws = np.asarray(case.alternatives) / case.divisor
+        regions = {
+            LESS.name: tuple(Region(rows, region_log_weights(rows, _KERNEL)) for rows in known),
+            Boltzmann.name: (Region(draws, np.full(len(draws), -np.log(len(draws)))),),
+        }
+        return replace(made, case=replace(case, other_samplers=(), space=ExploredSpace(regions, _KERNEL)))
+
+    return make_one
+
+
 _MAKERS: dict[str, Callable[[np.random.Generator, str], SetUp]] = {
     "sound": _sound,
     "sound, 60 people": lambda rng, kind: _sound(rng, kind, people=60),
@@ -199,5 +218,13 @@ _MAKERS: dict[str, Callable[[np.random.Generator, str], SetUp]] = {
     "wrong ends": _wrong_ends,
     "people follow the other model": _boltzmann_people,
     "a feature is missing": _hidden_feature,
+    "explored": _explored(_sound),
+    "explored, 60 people": _explored(lambda rng, kind: _sound(rng, kind, people=60)),
+    "explored, one to three people": _explored(_few_people),
+    "explored, two groups": _explored(_two_groups),
+    "explored, people beyond the space": _explored(_beyond),
+    "explored, wrong ends": _explored(_wrong_ends),
+    "explored, people follow the other model": _explored(_boltzmann_people),
+    "explored, a feature is missing": _explored(_hidden_feature),
 }
 KINDS = tuple(_MAKERS)

@@ -49,6 +49,7 @@ class Numbers:
         surprise: probability of the demonstrations' predictive p values by chance.
         alternatives: effective number that the prediction rests on.
         disagreement: probability that someone new wants the opposite of the group.
+        divided: probability that a third of people or more want the opposite of a preference that is stated.
         coverage: of 90 % regions in simulated repetitions of this task.
         edge: probability of the largest beta that was foreseen.
         truth: credible level at which the true direction lies, 1 if a stated sign is wrong; only of simulated people.
@@ -70,6 +71,7 @@ class Numbers:
     surprise: float | None = None
     alternatives: float | None = None
     disagreement: float | None = None
+    divided: float | None = None
     coverage: float | None = None
     edge: float | None = None
     truth: float | None = None
@@ -113,10 +115,15 @@ RULES: Mapping[str, Rule] = {
     "scales": Rule("Do other scales of the features agree?", most=0.9),
     "prior": Rule("Do other priors agree?", most=0.9),
     "disagreement": Rule("Do people want the same?", most=0.1),
+    "divided": Rule("Do most people share what is stated?", most=0.05),
     "coverage": Rule("Do simulated repetitions cover the truth?", least=0.8, gravest=0.6),
     "edge": Rule("Are people less decided than the prior's limit?", most=0.5),
     "remarks": Rule("Were all recordings taken as they are?", most=0, needed=False, form="{:.0f}"),
 }
+
+
+OVER_SPACE: Mapping[str, Rule] = {name: rule for name, rule in RULES.items() if name != "samplers"}
+"""The rules for an answer over an explored choice space, which holds whatever any sampler draws."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +165,7 @@ class Verdict:
 
 
 def judge(numbers: Numbers, rules: Mapping[str, Rule] = RULES) -> Verdict:
-    """The verdict from named numbers.
+    """The verdict from named numbers; of an answer over an explored space by `OVER_SPACE`.
 
     >>> judge(Numbers()).trust.value
     'be careful'

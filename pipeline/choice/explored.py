@@ -8,7 +8,9 @@ densities with respect to d phi, so that their held-out scores can be compared. 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +22,65 @@ from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.models import LESS, WeightedSet
 from pipeline.choice.validation import inverse_temperatures, matrix, positive, read_only, vector
 from pipeline.errors import ArgumentError
+
+MERGED = 0.25  # width of the cubes in which rows are merged, in widths of the kernel
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """What stands for a choice space under one model: features (N, F) of rows and their log weights (N,).
+
+    Sums over the rows, each with its weight, are integrals over the space: of d phi for LESS, of the base measure for
+    Boltzmann.
+    """
+
+    features: FloatArray
+    log_w: FloatArray
+
+    @classmethod
+    def mean(cls, regions: Sequence[Region]) -> Region:
+        """The rows of all, so that a sum over them is the mean of the sums."""
+        if len(regions) == 1:
+            return regions[0]
+        weights = [one.log_w - np.log(len(regions)) for one in regions]
+        return cls(np.concatenate([one.features for one in regions]), np.concatenate(weights))
+
+    def merged(self, width: float) -> Region:
+        """Rows in one cube of this width as one row, at the mean of their features and with all of their weight."""
+        _, cube = np.unique(np.floor(self.features / width).astype(np.int64), axis=0, return_inverse=True)
+        order = np.argsort(cube, kind="stable")
+        starts = np.flatnonzero(np.diff(cube[order], prepend=-1))
+        peak = np.maximum.reduceat(self.log_w[order], starts)
+        share = np.exp(self.log_w[order] - np.repeat(peak, np.diff(starts, append=len(cube))))
+        total = np.add.reduceat(share, starts)
+        features = np.add.reduceat(self.features[order] * share[:, None], starts) / total[:, None]
+        return Region(features, np.log(total) + peak)
+
+
+@dataclass(frozen=True, eq=False)
+class ExploredSpace:
+    """A choice space as independent explorations have found it.
+
+    Attributes:
+        regions: by the label of a model, one for each exploration.
+        kernel: width of the kernel behind the weights of LESS, in scaled features.
+    """
+
+    regions: Mapping[str, tuple[Region, ...]]
+    kernel: float
+
+    @cached_property
+    def _means(self) -> dict[str, Region]:
+        return {label: Region.mean(some).merged(self.kernel * MERGED) for label, some in self.regions.items()}
+
+    def region(self, model: str) -> Region:
+        """The mean of all explorations under a model, near rows merged, which changes no answer by much."""
+        return self._means[model]
+
+    def smoothed(self, factor: float) -> tuple[Region, ...]:
+        """The regions of LESS with weights from a kernel `factor` times as wide."""
+        rows = [one.features for one in self.regions[LESS.name]]
+        return tuple(Region(one, region_log_weights(one, factor * self.kernel)) for one in rows)
 
 
 def region_log_weights(features: ArrayLike, bandwidth: float, pool: ArrayLike | None = None) -> FloatArray:

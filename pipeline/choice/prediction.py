@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 from scipy.spatial import cKDTree
 
 from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.validation import matrix, vector
-from pipeline.choice.weights.draws import weighted_quantiles
+from pipeline.choice.weights.draws import SortedColumns
 from pipeline.errors import ArgumentError
 
 _TERMS = 2_000_000  # exponentials held at once: 16 MB
@@ -69,13 +70,16 @@ class Interval:
     upper: FloatArray
 
 
-def predicted_interval(values: ArrayLike, probabilities: ArrayLike, level: float = 0.9) -> Interval:
+def predicted_interval(
+    values: ArrayLike, probabilities: ArrayLike, level: float = 0.9, columns: SortedColumns | None = None
+) -> Interval:
     """Where a choice will lie, each number by itself: features (N, F), or a tube of positions over time (N, T, 3).
 
     Args:
         values: (N, ...) of the alternatives.
         probabilities: (N,) predictive.
         level: probability within.
+        columns: the values as (N, C), sorted, if they are at hand.
 
     Raises:
         ArgumentError: shapes do not fit, or the level is not between 0 and 1.
@@ -83,8 +87,8 @@ def predicted_interval(values: ArrayLike, probabilities: ArrayLike, level: float
     array = np.asarray(values, dtype=np.float64)
     if not 0 < level < 1:
         raise ArgumentError(f"level is {level}; it must be between 0 and 1.")
-    flat = array.reshape(len(array), -1)
-    found = weighted_quantiles(flat, probabilities, [(1 - level) / 2, 0.5, (1 + level) / 2])
+    known = columns or SortedColumns.of(array.reshape(len(array), -1))
+    found = known.quantiles(probabilities, [(1 - level) / 2, 0.5, (1 + level) / 2])
     return Interval(*(row.reshape(array.shape[1:]) for row in found))
 
 
@@ -101,7 +105,21 @@ class Likely:
     probability: FloatArray
 
 
-def most_probable(features: ArrayLike, probabilities: ArrayLike, count: int, radius: float) -> Likely:
+def neighbourhoods(features: ArrayLike, radius: float) -> sparse.csr_array:
+    """(N, N) of ones where two of the rows (N, F) are no farther than `radius` apart, each with itself too."""
+    rows = matrix("features", features)
+    if not radius >= 0:
+        raise ArgumentError(f"radius is {radius}; it must be >= 0.")
+    pairs = cKDTree(rows).query_pairs(radius, output_type="ndarray")
+    one, other = np.concatenate([pairs, pairs[:, ::-1], np.arange(len(rows)).repeat(2).reshape(-1, 2)]).T
+    near = sparse.csr_array((np.ones(len(one)), (one, other)), shape=(len(rows), len(rows)))
+    near.sort_indices()
+    return near
+
+
+def most_probable(
+    features: ArrayLike, probabilities: ArrayLike, count: int, radius: float, near: sparse.csr_array | None = None
+) -> Likely:
     """Up to `count` alternatives whose neighbourhoods hold most of the predictive probability.
 
     One alternative's own probability depends on how densely its kind was sampled, and near-copies would fill the list;
@@ -112,6 +130,7 @@ def most_probable(features: ArrayLike, probabilities: ArrayLike, count: int, rad
         probabilities: (N,) predictive.
         count: how many.
         radius: of a neighbourhood in scaled features; 0 ranks single alternatives.
+        near: their `neighbourhoods`, if at hand.
 
     Raises:
         ArgumentError: shapes do not fit, or a number is out of range.
@@ -120,15 +139,15 @@ def most_probable(features: ArrayLike, probabilities: ArrayLike, count: int, rad
     left = np.array(vector("probabilities", probabilities, length=len(rows)))
     if count < 1 or not radius >= 0:
         raise ArgumentError(f"count is {count} and radius {radius}; allowed are >= 1 and >= 0.")
-    neighbours = cKDTree(rows).query_ball_point(rows, radius)
+    near = neighbourhoods(rows, radius) if near is None else near
     found: list[int] = []
     mass: list[float] = []
     for _ in range(min(count, len(rows))):
-        around = np.array([left[near].sum() for near in neighbours])
+        around = near @ left
         best = int(around.argmax())
         if not around[best] > 0:
             break
-        inside = np.array(neighbours[best])
+        inside = near.indices[near.indptr[best] : near.indptr[best + 1]]
         # of the neighbourhood, the one that is most probable stands for it
         found.append(int(inside[left[inside].argmax()]))
         mass.append(float(around[best]))

@@ -46,13 +46,13 @@ def sql(
         bool,
         typer.Option(
             "--formulas/--no-formulas",
-            help="With CSV: whether texts that a spreadsheet would calculate stay as they are.",
+            help="With CSV: keep texts that a spreadsheet would take for formulas as they are, or mark them as text.",
         ),
     ] = True,
 ) -> None:
     """Ask the catalog a question in SQL. It is opened read-only.
 
-    Without a question it opens a prompt; not on a terminal, it says what there is to ask about. A table shows the
+    Without a question it opens a prompt. In a pipe it lists what there is to ask about instead. A table shows the
     first rows and how many there are. The other formats hold all rows.
 
     Example: `lessbench sql "from best_hypothesis where participant = 'all' and set_id = 'working'"`
@@ -95,7 +95,8 @@ def plan(
     contacts: Annotated[
         bool,
         typer.Option(
-            "--contacts/--no-contacts", help="Whether the arm may touch anything: with --contacts it may not."
+            "--contacts/--no-contacts",
+            help="With --contacts, plan a motion that touches nothing; else ignore contacts.",
         ),
     ] = True,
 ) -> None:
@@ -119,7 +120,7 @@ def calibrate(
     ] = None,
     repetitions: Annotated[int, typer.Option(min=1, max=10_000, help="For each model.")] = 100,
 ) -> None:
-    """Say what as many demonstrations as these can tell, by simulating people with known weights.
+    """Simulate people with known weights, and say what this number of demonstrations can tell.
 
     Could they tell LESS from Boltzmann, and one set of weights from another? A hundred repetitions take half a minute.
 
@@ -205,7 +206,9 @@ def verify(
     sample: Annotated[int, typer.Option(min=0, help="How many trajectories and posteriors to compute again.")] = 20,
     as_json: AsJson = False,
 ) -> None:
-    """Check that the tables are what was computed: hashes, and a sample replayed. Exit status 1 if any is not.
+    """Check that no table has changed since it was computed. Exit status 1 if one has.
+
+    It compares hashes, reads recordings again, and computes a sample of the values again.
 
     Example: `lessbench verify table --sample 100`
     """
@@ -243,7 +246,7 @@ def enough(
     ] = 20.0,
     as_json: AsJson = False,
 ) -> None:
-    """Say whether a task's answer is steady, and how much more it needs: evaluations, alternatives, demonstrations.
+    """Say whether more evaluations, alternatives or demonstrations would change a task's answer, and how many.
 
     Example: `lessbench enough table`, or `lessbench enough table --tolerance 0.05 --json`
     """
@@ -266,14 +269,14 @@ def watch(
     ] = None,
     until: Annotated[int | None, typer.Option(min=1, help="End when this many demonstrations are in use.")] = None,
     idle_s: Annotated[
-        float | None, typer.Option("--idle-s", min=0, help="End when nothing has come for this many seconds.")
+        float | None, typer.Option("--idle-s", min=0, help="End after this many seconds without a new recording.")
     ] = None,
     live: IsLive = False,
     port: Port = 9876,
     bind: Bind = "127.0.0.1",
     as_json: AsJson = False,
 ) -> None:
-    """Take recordings in as they appear, and say after each what is most probable. Ctrl-C ends.
+    """Read recordings as they appear, and say after each one what is most probable. Ctrl-C ends.
 
     A recording counts once it is closed. One that cannot be used is named, with the reason. Results go into
     datasets/TASK/watch; no other file is changed.

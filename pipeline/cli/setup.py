@@ -75,12 +75,12 @@ def new_task(
         Path | None, typer.Option(help="MJCF or URDF file around which a scene is written, in place of --scene.")
     ] = None,
     table: Annotated[
-        bool, typer.Option("--table", help="With --arm: a table, its top where the arm's base is.")
+        bool, typer.Option("--table", help="With --arm: add a table, its top at the height of the arm's base.")
     ] = False,
     object_: Annotated[
         list[str] | None,
         typer.Option(
-            "--object", metavar="NAME:X,Y,Z", help="With --arm: an object at this position, in m. May be repeated."
+            "--object", metavar="NAME:X,Y,Z", help="With --arm: add an object at this position, in m. May be repeated."
         ),
     ] = None,
     end_effector: Annotated[
@@ -106,7 +106,7 @@ def new_task(
     ] = False,
     view: Annotated[bool, typer.Option("--view", help="Then show the recordings in the scene, in the viewer.")] = False,
 ) -> None:
-    """Add a task to params.yaml, proposed from a scene and recordings. Says what it chose, and what is odd.
+    """Propose a task from a scene and recordings, and add it to params.yaml. Says what it chose, and why.
 
     Nothing else in params.yaml changes. The joints are those of the arm that scene and recordings share; fingers,
     drawers and free bodies are left out.
@@ -185,7 +185,7 @@ def _objects(texts: Iterable[str]) -> dict[str, tuple[float, float, float]]:
 
 @commands.command("remove-task", rich_help_panel=BRING)
 def remove_task(task: TaskName) -> None:
-    """Take a task out of the project, with all that its stages made. Your recordings and your scene stay.
+    """Remove a task from the project, with all that its stages made. Your recordings and your scene stay.
 
     Example: `lessbench remove-task pour`.
     """
@@ -217,14 +217,14 @@ def run(
     elif project.overlay is not None:
         run_all(project, overlay_tasks(project.overlay))
     else:
-        raise typer.BadParameter("name a task, or an overlay whose tasks are run")
+        raise typer.BadParameter("name a task, or give an overlay (--overlay FILE) whose tasks are to be run")
 
 
 @commands.command("inspect-project", rich_help_panel=TRUST)
 def inspect_project(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A project that came from elsewhere.")],
 ) -> None:
-    """Look at a project from elsewhere without running any of it: what would run, what leads out, what is odd.
+    """List what would run in a project from elsewhere, what leads out of it, and what is unusual. Runs nothing of it.
 
     Exit status 1 if there is any of that; 0 if only the stages of this program would run.
 
@@ -255,14 +255,14 @@ def trust(
     from pipeline.workspace.trust import trust
 
     if not (folder / FILE).is_file():
-        raise ParameterError(f"{folder}: is no project, as it has no {FILE}; name the folder of one")
+        raise ParameterError(f"{folder}: is not a project, as it has no {FILE}; name the folder of one")
     for line in trust(Project(folder.resolve())):
         say(plain(line, LONGEST_MESSAGE))
 
 
 @commands.command(rich_help_panel=COMPUTE)
 def recover() -> None:
-    """Mend DVC's own files after it was killed, and let it work without git.
+    """Repair DVC's own files after it was killed, and let it work without git.
 
     `make repro` does this first.
 
@@ -270,5 +270,5 @@ def recover() -> None:
     """
     from pipeline.commands.recover import recover
 
-    for line in recover(this_project()) or ["nothing to mend"]:
+    for line in recover(this_project()) or ["nothing to repair"]:
         say(line)

@@ -76,7 +76,8 @@ Port = Annotated[int, typer.Option(help="With --live: the port to serve on; 0 fo
 Bind = Annotated[
     str,
     typer.Option(
-        metavar="ADDRESS", help="With --live: the address to serve on; one of the network lets other machines see it."
+        metavar="ADDRESS",
+        help="With --live: the address to serve on. Any other than the default lets other machines see it.",
     ),
 ]
 Stay = Annotated[

@@ -29,7 +29,9 @@ def survey(
     port: Annotated[int, typer.Option(help="0 for any that is free.")] = 8080,
     bind: Annotated[
         str,
-        typer.Option(metavar="ADDRESS", help="Address to serve on; one of the network lets other machines reach it."),
+        typer.Option(
+            metavar="ADDRESS", help="Address to serve on. Any other than the default lets other machines reach it."
+        ),
     ] = "127.0.0.1",
 ) -> None:
     """Serve a browser study that collects choices, until Ctrl-C; design one; weigh models by its choices.
@@ -51,20 +53,22 @@ def survey_design(
             metavar="[TASK]", help="A task of params.yaml; without one, paths in a grid.", autocompletion=tasks
         ),
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="YAML file of the study, which must not be there.")] = Path(
-        "study.yaml"
-    ),
-    options: Annotated[int, typer.Option(min=2, max=12, help="How many each person chooses from.")] = 4,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", help="YAML file to write the study into. It must not exist yet.")
+    ] = Path("study.yaml"),
+    options: Annotated[int, typer.Option(min=2, max=12, help="How many options each person chooses from.")] = 4,
     trials: Annotated[
-        int, typer.Option(min=1, max=12, help="Of a task: how many sets each person is asked about.")
+        int, typer.Option(min=1, max=12, help="With TASK: how many sets each person is asked about.")
     ] = 4,
-    candidates: Annotated[int, typer.Option(min=1, max=20_000, help="Of a task: how many sets are looked at.")] = 500,
+    candidates: Annotated[int, typer.Option(min=1, max=20_000, help="With TASK: how many sets to pick from.")] = 500,
     theta_share: Annotated[
         float,
-        typer.Option(min=0.0, max=1.0, help="Of a task: how much is asked about theta, and not about the model."),
+        typer.Option(
+            min=0.0, max=1.0, help="With TASK: weight of information about theta; the rest is about the model."
+        ),
     ] = 0.0,
 ) -> None:
-    """Choose what to ask people about: sets on which the models disagree most, and how many people decide it.
+    """Pick the sets on which the models disagree most, and say how many people would decide between them.
 
     Examples: `lessbench survey design table --out table.yaml`, `lessbench survey design --options 6`
     """
@@ -84,7 +88,7 @@ def survey_weigh(
     study: Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file of a study of a task's motions.")],
     choices: Annotated[Path, typer.Argument(metavar="CHOICES", help="CSV file that `lessbench survey` wrote.")],
 ) -> None:
-    """Say how probable the models are after people's choices among motions of a task.
+    """Say how probable each model is, given people's choices among motions of a task.
 
     Example: `lessbench survey weigh table.yaml choices.csv`
     """

@@ -12,11 +12,10 @@ from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.models import Model
 from pipeline.errors import StageError
 from pipeline.formats.parquet.task_tables import TaskTables
-from pipeline.stages.answer import NEEDED
 from pipeline.terminal import say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.vocabulary import TASK_ANCHOR, model_name
-from pipeline.workspace.choice_sets import read_choices
+from pipeline.workspace.choice_sets import choice_tables, read_choices
 from pipeline.workspace.project import Project
 
 ODDS = 10
@@ -49,7 +48,7 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
             f"tasks.{name}.anchor is {task.anchor}: each demonstration has alternatives of its own, and people are "
             "simulated on alternatives that all share; set it to task"
         )
-    with TaskTables(project.tables(name, NEEDED)) as tables:
+    with TaskTables(choice_tables(project, name)) as tables:
         tables.check()
         chosen = read_choices(tables)
     own = chosen.sets[TASK_ANCHOR]
@@ -74,14 +73,14 @@ def lines(name: str, found: Calibration, demonstrations: int, alternatives: int)
         narrow = float((np.degrees(own.cap) <= APART_DEG).mean())
         said += [
             f"if people choose by {model_name(label)}:",
-            f"  {model_name(label)} is favoured in {_percent(told.favoured)}, by {ODDS} to 1 in "
-            f"{_percent(told.told(ODDS))}; {model_name(other)} by {ODDS} to 1, wrongly, in "
+            f"  {model_name(label)} is favoured in {_percent(told.favoured)} of the repetitions, by {ODDS} to 1 or "
+            f"more in {_percent(told.told(ODDS))}; {model_name(other)} is wrongly favoured by {ODDS} to 1 or more in "
             f"{_percent(told.misled(ODDS))}",
             f"  the direction found is {np.degrees(np.median(own.angle)):.0f} degrees from the true one (median); the "
-            f"angle said to hold it with probability {LEVEL:g} is {np.degrees(np.median(own.cap)):.0f} and holds it in "
-            f"{_percent(own.coverage())}",
-            f"  weights {APART_DEG:.0f} degrees apart are told from each other in {_percent(narrow)}",
-            f"  under {model_name(other)} the angle would hold it in "
+            f"angle that should hold it with probability {LEVEL:g} is {np.degrees(np.median(own.cap)):.0f}, and holds "
+            f"it in {_percent(own.coverage())}",
+            f"  weights {APART_DEG:.0f} degrees apart can be told from each other in {_percent(narrow)}",
+            f"  if {model_name(other)} infers, the angle holds it in "
             f"{_percent(found.recoveries[label, other].coverage())}",
         ]
     verdict = min(found.comparison(label, other).told(ODDS) for label, other in zip(labels, labels[::-1], strict=True))

@@ -224,8 +224,8 @@ def _recording(found: JointRecording | None) -> list[str]:
         f"{longest_gap(time_s).size:.3g} s, greatest speed {fastest.size:.3g} ({found.names[fastest.joint]})",
         *(
             [
-                "  remark: too fast for rad or m; of a table in degrees or millimetres, new-task is told so by "
-                "--reading unit=deg or mm"
+                "  remark: too fast for rad or m; if a table is in degrees or millimetres, give new-task "
+                "--reading unit=deg or --reading unit=mm"
             ]
             if fastest.size > PLAIN.fastest_rad_s
             else []

@@ -89,31 +89,31 @@ def _finite(value: Any) -> Any:
 
 def report(found: Enough) -> None:
     """Say it."""
-    say(f"{found.task}: answers are steady if they differ by at most {found.tolerance:g} nats a pair")
+    say(f"{found.task}: answers agree if they differ by at most {found.tolerance:g} nats a pair")
     say("explored choice space" + (f": not explored, {found.reason}" if found.reason else ""))
     for one in found.evaluations:
         say(f"  {model_name(one.model)}: {_explored(one)}")
-    say("sampled sets" + ("" if found.alternatives else ": no robustness study to tell from"))
+    say("sampled sets" + ("" if found.alternatives else ": not known, as there is no robustness study"))
     for two in found.alternatives:
         say(f"  {model_name(two.model)}, {REGIMES[two.regime]}: {_sampled(two)}")
     if found.demonstrations:
         say(f"demonstrations, for a posterior no wider than {found.width_deg:g} degrees")
     for three in found.demonstrations:
         say(f"  {model_name(three.model)}: {_shown(three)}")
-    say("Each number is an extrapolation by a rule, see docs/choice_space.md; more demonstrations sharpen the answer,")
-    say("and make what explorations or sets differ by weigh more.")
+    say("Each number is an extrapolation by a rule, see docs/choice_space.md. More demonstrations make the answer")
+    say("sharper, and also make differences between explorations or sets count for more.")
 
 
 def _explored(one: Evaluations) -> str:
     change = "unknown" if one.change is None else f"{one.change:.2g}"
     said = (
-        f"explorations of {one.done:,} evaluations differ by up to {one.disagreement:.2g} and have changed by {change} "
-        f"in the last round"
+        f"explorations of {one.done:,} evaluations differ by up to {one.disagreement:.2g} and changed by {change} in "
+        f"the last round"
     )
     if one.converged:
         return f"{said}; enough"
     if one.further is None:
-        return f"{said} ({one.whose}); no number of evaluations can be foreseen"
+        return f"{said} ({one.whose}); how many more would do cannot be foreseen"
     return f"{said} ({one.whose}); about {one.further:,} more each would do"
 
 
@@ -129,5 +129,5 @@ def _sampled(one: Alternatives) -> str:
 def _shown(one: Demonstrations) -> str:
     said = f"{one.done} give {one.width_deg:.1f} degrees"
     if one.needed is None:
-        return f"{said}; hypotheses lie {one.spacing_deg:.1f} apart, so less cannot be told: list more theta_values"
+        return f"{said}; hypotheses lie {one.spacing_deg:.1f} apart, so it cannot be narrower: list more theta_values"
     return f"{said}; enough" if one.needed <= one.done else f"{said}; about {one.needed - one.done:,} more would do"

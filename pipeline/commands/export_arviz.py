@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from pipeline.answers.assessment import choices_from
 from pipeline.answers.tables import GROUP, NEXT, PERSON, group_of
 from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann
@@ -23,10 +22,10 @@ from pipeline.errors import StageError
 from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.task_tables import TaskTables
-from pipeline.stages.answer import NEEDED, case_of
+from pipeline.stages.answer import case_of
 from pipeline.terminal import say
 from pipeline.trajectories.random_streams import child_rng
-from pipeline.workspace.choice_sets import Chosen, read_choices
+from pipeline.workspace.choice_sets import Chosen, choice_tables, read_choices
 from pipeline.workspace.project import Project
 
 FOLDER = "arviz"  # in the task's folder of datasets
@@ -48,7 +47,7 @@ def export_arviz(project: Project, name: str, folder: Path | None = None) -> Pat
         )
     with OpenTable(path, "weights") as table:
         weights = table.read()
-    with TaskTables(project.tables(name, NEEDED)) as tables:
+    with TaskTables(choice_tables(project, name)) as tables:
         tables.check()
         chosen = read_choices(tables)
     target = folder or project.datasets / name / FOLDER
@@ -73,7 +72,7 @@ def inference_data(
     omega = {who: group_of(weights, PERSON, who).omega[rows] for who in names}
     spread = weights.filter(kind=GROUP).sort("draw")["spread"].to_numpy()[rows]
     case = case_of(chosen)
-    together = choices_from(model, case.chosen, case.rows)
+    together = case.considered(model)
     pointwise = np.stack(
         [
             together.subset([row]).log_likelihood(omega[who])[:, 0]

@@ -94,7 +94,7 @@ class Inspection:
                 more = f" (and {len(files) - 1} more: {', '.join(files[1:4])})" if len(files) > 1 else ""
                 said.append(f"{kind}: {files[0]}: {sentence}{more}")
         if not self.findings:
-            said.append("nothing in it runs but the stages of this program, and nothing leads out of it")
+            said.append("only the stages of this program run in it, and nothing leads out of it")
         elif any(one.kind == RUNS for one in self.findings):
             said.append("`dvc repro` runs the commands of its dvc.yaml and its own code: read these first")
         return said
@@ -112,11 +112,11 @@ def inspect_project(folder: Path) -> Inspection:
     for path, about in _walk(folder, found):
         shown = PurePosixPath(path.relative_to(folder)).as_posix()
         if not shown.isprintable():
-            found.add(ODD, shown, "has a name with characters that a terminal obeys or does not show")
+            found.add(ODD, shown, "has a name with characters that control a terminal or cannot be seen")
         if stat.S_ISLNK(about.st_mode):
             _look_at_link(folder, path, shown, found)
         elif not stat.S_ISREG(about.st_mode):
-            found.add(ODD, shown, "is no file: a pipe, a socket or a device, which reading can wait for without end")
+            found.add(ODD, shown, "is not a file but a pipe, a socket or a device; reading it may never end")
         else:
             found.files += 1
             found.size += about.st_size
@@ -283,7 +283,7 @@ def _look_at_scene(path: Path, shown: str, found: Inspection) -> None:
     except _EntityError:
         found.add(ODD, shown, "declares entities, with which a small file can become a large one")
     except (expat.ExpatError, UnicodeError) as error:
-        found.add(ODD, shown, f"is no XML that can be read ({error})")
+        found.add(ODD, shown, f"is not readable XML ({error})")
 
 
 class _EntityError(Exception):

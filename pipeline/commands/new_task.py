@@ -224,7 +224,7 @@ def _of_files(parts: list[str]) -> list[str]:
     """What is said of the files that the scene depends on."""
     return (
         [
-            f"Files of the scene, of which DVC notices a change: {few_of(parts)} (scene_files), and what lies in "
+            f"Files of the scene, whose changes DVC notices: {few_of(parts)} (scene_files), and what lies in "
             f"{' or '.join(stage('scene').inputs)}."
         ]
         if parts
@@ -236,8 +236,8 @@ def _of_other_hands(scene: Scene) -> list[str]:
     others = joints_elsewhere(scene)
     return (
         [
-            f"{few_of(others)} do not move it, as it is on another arm; features say with `of` that "
-            "they look at its hand."
+            f"{few_of(others)} do not move it, as they are another arm's; a feature looks at the hand of "
+            "that arm if it says so with `of`."
         ]
         if others
         else []

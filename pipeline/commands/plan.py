@@ -26,7 +26,6 @@ from pipeline.replay.planning import Planning
 from pipeline.replay.replay import body_positions
 from pipeline.replay.room import Room, task_anchor
 from pipeline.replay.scene import Scene
-from pipeline.stages.answer import NEEDED
 from pipeline.stages.inspect import replay_of
 from pipeline.terminal import say
 from pipeline.trajectories.best_in_expectation import Plan, bounded, plan_in_expectation
@@ -35,7 +34,7 @@ from pipeline.trajectories.paths import Anchor
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.plan import write_plan_view
 from pipeline.vocabulary import ALL, TASK_ANCHOR, model_name
-from pipeline.workspace.choice_sets import Chosen, read_choices
+from pipeline.workspace.choice_sets import Chosen, choice_tables, read_choices
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.scenes import load_task_scene
 from pipeline.workspace.trust import register_task_kinds
@@ -70,7 +69,7 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
     """
     task = project.params.task(name)
     draws, people = _belief(project, name, wanted)
-    with recorded_run(project, "plan", name) as record, TaskTables(project.tables(name, NEEDED)) as tables:
+    with recorded_run(project, "plan", name) as record, TaskTables(choice_tables(project, name)) as tables:
         tables.check()
         chosen = read_choices(tables)
         register_task_kinds(project, task)
@@ -79,9 +78,9 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
         room = _room(scene, task.surface, wanted.contacts, _anchor(scene, task.anchor, chosen, mine, name))
         specs = {feature: dict(task.features[feature]) for feature in chosen.features}
         planning = Planning(room, bind_features(scene, specs), project.params.ingest.waypoints)
-        sets = [chosen.set_of(row) for row in mine[:1]]
-        scaled = np.concatenate([one.raw for one in sets]) / chosen.scale
-        plan = _planned(project, planning, chosen.scale, draws, scaled, sets[0].waypoints)
+        known, raw = chosen.known(mine[0])
+        scaled = raw / chosen.scale
+        plan = _planned(project, planning, chosen.scale, draws, scaled, known)
         duration_s = float(np.median(chosen.people["duration_s"].to_numpy()[mine]))
         points, states = timed(plan.waypoints, duration_s)
         clear = room.admissible(states.positions[None]).item()
@@ -198,22 +197,23 @@ def _lines(
         f"{name}: the motion that is best for {wanted.person or 'someone new'} under {model_name(wanted.model)}, "
         f"{duration_s:.1f} s",
         f"  {places}",
-        f"  expected reward: {plan.expected_reward - best:+.2f} nat beside the best alternative",
-        f"  expected regret for not knowing the weights: {plan.expected_regret:.2f} nat (90 % below {most:.2f})",
-        f"  for other weights that are believed in the best motion is {plan.change.min():.2f} to "
-        f"{plan.change.max():.2f} rad away (root mean square)",
+        f"  expected reward: {plan.expected_reward - best:+.2f} nat more than the best alternative",
+        f"  expected loss from not knowing the weights: {plan.expected_regret:.2f} nat (90 % probable: below "
+        f"{most:.2f})",
+        f"  for other plausible weights, the best motion is {plan.change.min():.2f} to {plan.change.max():.2f} rad "
+        "away from this one (root mean square)",
     ]
 
 
 def _clear(room: Room, wanted: Wanted, clear: bool, states: TimedMotion, scene: Scene) -> list[str]:
     within = bool(((states.positions >= scene.lower) & (states.positions <= scene.upper)).all())
     looked = ["limits", *(["surface"] if room.top else []), *(["contacts"] if room.contacts else [])]
-    said = f"{STATES_HZ} poses a second were looked at ({', '.join(looked)})"
-    lines = [f"  {said}: nothing is touched or passed"]
+    said = f"{STATES_HZ} poses a second were checked ({', '.join(looked)})"
+    lines = [f"  {said}: no contact, and no limit is passed"]
     if not (clear and within):
-        lines = [f"  careful: between its waypoints the motion passes what it may not; {said}"]
+        lines = [f"  careful: between its waypoints the motion passes a limit or has a contact; {said}"]
     if wanted.contacts and room.contacts is None:
-        lines.append("  contacts were not looked at: no geom of the arm can touch another (contype and conaffinity)")
+        lines.append("  contacts were not checked: no geom of the arm can touch another (contype and conaffinity)")
     return lines
 
 

@@ -67,7 +67,7 @@ def design_task(
     questionnaire = Questionnaire(
         title="Which motion would you want?", show="all", minutes=max(trials // 2, 2), trials=asked
     )
-    said = [f"{trials} sets of {options} motions of {task}, of {len(sets):,} that were looked at", *_told(known, made)]
+    said = [f"{trials} sets of {options} motions of {task}, picked from {len(sets):,}", *_told(known, made)]
     _write(out, questionnaire, said)
     for line in said:
         say(line)
@@ -104,8 +104,8 @@ def weigh(project: Project, study: Path, choices: Path) -> None:
     task = tasks.pop()
     if tasks or task is None:
         raise SurveyError(
-            f"{study}: is not about the motions of one task; `lessbench study human-choice --choices {choices}` reads "
-            "studies of grids"
+            f"{study}: is not a study of the motions of one task; `lessbench study human-choice --choices "
+            f"{choices}` reads studies of grids"
         )
     known = TaskOptions.of(project, task)
     trials = list(questionnaire.trials)
@@ -161,21 +161,23 @@ def _answers(path: Path, options: dict[str, list[str]]) -> list[list[tuple[str, 
         if values["counted"] != "no":
             given[trial] = choice
     if not any(people.values()):
-        raise SurveyError(f"{path}: has no choice that counts")
+        raise SurveyError(f"{path}: has no choice that can be used")
     return [list(given.items()) for given in people.values() if given]
 
 
 def _told(known: TaskOptions, made: Design) -> list[str]:
     lines = [
-        f"set {number}: answers so far tell {model:.3f} nats about the model (of {np.log(len(known.models)):.3f}) and "
-        f"{theta:.3f} about theta (of {np.log(len(known.thetas)):.3f}), expected of one person"
+        f"after set {number}, one person tells {model:.3f} of {np.log(len(known.models)):.3f} nats about the model and "
+        f"{theta:.3f} of {np.log(len(known.thetas)):.3f} about theta (expected)"
         for number, (model, theta) in enumerate(zip(made.about_model, made.about_theta, strict=True), 1)
     ]
     for truth, one in enumerate(known.models):
         for other, two in enumerate(known.models):
             if truth != other:
                 needed = people_to_tell(made.answers, truth, other, LEVEL, POWER)
-                people = "no number of people tells" if needed is None else f"{needed:,} people show it"
+                people = (
+                    "no number of people is enough" if needed is None else f"{needed:,} people are enough to show it"
+                )
                 lines.append(
                     f"if {model_name(one)} is right and {model_name(two)} is not, {people} (likelihood ratio test, "
                     f"power {POWER:g}, level {LEVEL:g})"
@@ -187,14 +189,14 @@ def _of_grid(made: GridDesign) -> list[str]:
     boltzmann, less = made.predicted
     lines = [
         f"paths of the experimental trial: {made.left} on the left and {made.right} on the right",
-        f"one choice tells {made.about_model:.3f} nats of {np.log(2):.3f} about the model, mean over shares of the "
-        "control trial",
+        f"one choice tells {made.about_model:.3f} of {np.log(2):.3f} nats about the model (mean over the shares of the "
+        "control trial)",
     ]
     for name, truth, other in (("Boltzmann", boltzmann, less), ("LESS", less, boltzmann)):
         needed = people_needed(truth, other, LEVEL, POWER)
         lines.append(
             f"if {name} is right and the control trial is divided equally, {needed} people in the experimental trial "
-            f"show that the other is wrong (chi-square, power {POWER:g}, level {LEVEL:g})"
+            f"are enough to show that the other model is wrong (chi-square, power {POWER:g}, level {LEVEL:g})"
         )
     return lines
 

@@ -253,4 +253,4 @@ def _recorded(project: Project) -> dict[str, str]:
         stages = YAML(typ="safe").load(path.read_text(encoding="utf-8"))["stages"].values()
         return {out["path"]: out["md5"] for stage in stages for out in stage["outs"]}
     except (YAMLError, TypeError, KeyError):
-        raise StageError(f"{path}: cannot be read; mend it with `lessbench recover`") from None
+        raise StageError(f"{path}: cannot be read; repair it with `lessbench recover`") from None

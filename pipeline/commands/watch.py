@@ -242,7 +242,8 @@ def run(
         _tell("end", f"{record.produced}; kept in {project.shown(target)}", kept=project.shown(target))
         _tell(
             "note",
-            f"these are beliefs, and no verdict; `lessbench answer {name}` has that of the task's own demonstrations",
+            f"these posteriors come without a verdict; `lessbench answer {name}` has the verdict on the task's own "
+            "demonstrations",
         )
 
 
@@ -264,7 +265,7 @@ def which_task(project: Project, folder: Path | None, name: str | None) -> tuple
     if len(mine) == 1 or len(tasks) == 1:
         found = mine[0] if mine else next(iter(tasks))
         return found, folder or own[found]
-    said = "no folder was given" if folder is None else f"{folder} is the folder of recordings of no one task"
+    said = "no folder was given" if folder is None else f"{folder} is not the folder of recordings of exactly one task"
     raise StageError(f"{said}; say which task is meant with --task: {', '.join(tasks)}")
 
 
@@ -353,7 +354,7 @@ def _files(arrivals: Arrivals, belief: Belief, until: Until, shown: Watched) -> 
                 if stop.is_set() or _enough(belief, until):
                     return
             for path in news.waiting:
-                waits = f"{path.name}: waits, as it is not closed yet; whoever records it may still be writing"
+                waits = f"{path.name}: not read yet, as it is not closed; its recorder may still be writing"
                 _tell("waits", waits, file=path.name)
             if until.idle_s is not None and time.monotonic() - last >= until.idle_s:
                 return
@@ -461,11 +462,11 @@ def _believed(belief: Belief) -> Believed:
         "",
         *(f"- {line}" for line in _lines(belief)),
         "",
-        f"Taken in: {', '.join(sorted(belief.rows)) or 'none yet'}.",
+        f"Recordings: {', '.join(sorted(belief.rows)) or 'none yet'}.",
         "",
-        "These are beliefs, and no verdict: checks take `dvc repro`. Of the task's own demonstrations it says:"
+        "These posteriors come without a verdict, as checks need `dvc repro`. That of the task's own demonstrations:"
         if belief.setting.answer
-        else "These are beliefs, and no verdict: run `dvc repro`, then `lessbench answer` says whether to trust them.",
+        else "These posteriors come without a verdict: run `dvc repro`, then ask `lessbench answer` for one.",
         "",
         *belief.setting.answer,
     ]

@@ -131,15 +131,15 @@ class Reading(_Section):
     """How a task's recordings are read where they do not say so themselves; see docs/recordings.md.
 
     Attributes:
-        time: column of a table that says when.
-        time_unit: of its numbers; None: by the column's name and the numbers' size.
-        rate_hz: rows per second, of a table without such a column and of an HDF5 file.
-        joints: columns with positions, in order; of an array, what its columns are called.
-        unit: of all positions, or by joint; else rad and m.
-        array: column or array with all positions of a row.
-        id: column that says which recording a row belongs to.
-        participant: column that says whose it is.
-        file_name: what names of files say, such as `{participant}_*`.
+        time: name of the column that has the times.
+        time_unit: unit of the times; null: taken from the name of the column and the size of the numbers.
+        rate_hz: rows per second, for a table without times and for an HDF5 file.
+        joints: names of the columns with positions, in order; for an array, the names of its columns.
+        unit: unit of all positions, or of each joint; null: rad and m.
+        array: name of the column or array that has all positions of a row.
+        id: name of the column that says to which recording a row belongs.
+        participant: name of the column that says whose recording it is.
+        file_name: pattern of the names of files, such as `{participant}_*`.
     """
 
     time: JointName | None = None
@@ -184,13 +184,24 @@ class Reading(_Section):
 class Task(_Section):
     """One task: a scene, where its recordings are, and what may matter in it.
 
-    `features` are what the robot looks at; `preferences`, features too, are what paths are planned for. `joints` are
-    those of the arm, or a body whose subtree has them; None: those that carry the end effector. `joint_names` gives the
-    joints of the recordings the names that the scene has for them; `reading` says of tables and datasets what they do
-    not say themselves. `feature_files` define further kinds of features; `scene_files` are files and folders that the
-    scene depends on, of which DVC would not know.
-    `thetas` are `grid`, or the values of theta for some features in a grid (negative: a cost, positive: a wish), or
-    weight vectors.
+    Attributes:
+        scene: MJCF, URDF or YAML file of the scene. It has the keyframes `start` and `goal` if the anchor is `task`.
+        scene_files: further files and folders that the scene depends on, so that DVC notices when they change.
+        end_effector: body or site whose path matters.
+        joints: joints of the arm: a list of names, or a body whose subtree has them. null: those that carry the end
+            effector.
+        joint_names: name in the recordings: name in the scene, for the joints where these differ.
+        surface: site that sampled paths stay above; null: there is none.
+        collisions: true: sampled paths have no contacts either, as MuJoCo computes them (slower).
+        recordings: folder of recordings, or a dataset.
+        anchor: `task`: alternatives start and end at the keyframes of the scene. `demonstration`: at the ends of each
+            demonstration.
+        features: what may matter to people, and what the robot looks at. Each has a name, a kind and the arguments of
+            the kind.
+        preferences: features that paths are planned for, by the planner sampler and the simulated people.
+        feature_files: Python files that define further kinds of features.
+        thetas: `grid`; or {feature: [values]}, the values of theta for some features of the grid (negative: a cost,
+            positive: a wish); or a list of weight vectors.
     """
 
     scene: str
@@ -260,8 +271,15 @@ class Simulate(_Section):
     """The simulated participants.
 
     Attributes:
+        participants: simulated people per task.
+        spread_rad: how far a person's weights are turned away from those of the task (standard deviation of each
+            direction).
+        skill: least and greatest skill of a person; with skill 1 the hand does not disturb the path.
         hand: `measured`: hands wander as those on recordings of people do (see `trajectories/measured_hand.py`);
-            `skilled`: they follow the path they intend, but for small disturbances.
+            `skilled`: they follow the path that they intend, with small disturbances.
+        topic: topic of the simulated recordings.
+        extra_joints: further joints in the simulated recordings, such as fingers.
+        weights: what the people of each simulated task want; each person has weights around these.
     """
 
     participants: Annotated[int, Field(strict=True, ge=1, le=10_000)]
@@ -274,7 +292,30 @@ class Simulate(_Section):
 
 
 class Ingest(_Section):
-    """From recordings to demonstrations; the reasons for the limits are in docs/bring-your-own.md."""
+    """From recordings to demonstrations; the reasons for the limits are in docs/bring-your-own.md.
+
+    Attributes:
+        waypoints: T, the number of poses of a demonstration, evenly spaced in time.
+        idle_rad: idle time at both ends is cut off: the time in which no joint moves further than this from where it
+            rests.
+        on_rejected: `stop`, or `continue` without the recordings that cannot be used.
+        salvage: true: if a recording is cut off, use what was written before the cut.
+        topic: topic that is read. null: the only one with the joints, or `.../joint_states`, or the one with clearly
+            more messages.
+        clock: `header`, `publish` or `log`: which times are used. null: the first of these that runs.
+        far_ends: `reject` recordings that start or end far from the scene's keyframes (`anchor: task`), or `keep`
+            them with a remark.
+        far_rad: an end is far if a joint is this far from its keyframe ...
+        far_m: ... and the end effector this far.
+        fastest_rad_s: greatest speed of a hinge. Nobody who leads an arm by hand turns a hinge faster than a turn a
+            second.
+        fastest_m_s: greatest speed of a slide.
+        longest_gap_s: longest time without a sample while the arm moves.
+        longest_rest_s: longest rest within a demonstration. With a longer one, the recording holds more than one.
+        jump_rad: from this on, a step of a hinge between two samples is a jump, if it is 8 times as far as the steps
+            around it.
+        jump_m: the same for a slide.
+    """
 
     waypoints: Annotated[int, Field(strict=True, ge=3, le=10_000)]
     idle_rad: Positive
@@ -294,27 +335,51 @@ class Ingest(_Section):
 
 
 class Deformation(_Section):
-    """See `pipeline.trajectories.samplers.Deformation`."""
+    """See `pipeline.trajectories.samplers.Deformation`.
+
+    Attributes:
+        width_rad: root mean square deviation of each joint from the straight joint path.
+        modes: half waves of each joint.
+    """
 
     width_rad: Positive
     modes: Annotated[int, Field(strict=True, ge=1, le=1000)]
 
 
 class ViaPoint(_Section):
-    """See `pipeline.trajectories.samplers.ViaPoint`."""
+    """See `pipeline.trajectories.samplers.ViaPoint`.
+
+    Attributes:
+        reach_rad: half width of the box around the straight joint path in which the via-point lies.
+    """
 
     reach_rad: Positive
 
 
 class Planner(_Section):
-    """See `pipeline.trajectories.samplers.Planner`."""
+    """See `pipeline.trajectories.samplers.Planner`.
+
+    Attributes:
+        paths: paths that are planned for each anchor, each under random weights.
+        width_rad: root mean square deformation that is added to a planned path.
+    """
 
     paths: Annotated[int, Field(strict=True, ge=1, le=10_000)]
     width_rad: Positive
 
 
 class Sample(_Section):
-    """Which sets of alternatives are drawn, and how."""
+    """Which sets of alternatives are drawn, and how.
+
+    Attributes:
+        sizes: sizes of the independent sets.
+        sets: independent sets of each size.
+        working_set: size of the one set that is shown.
+        sampler: `deformation`, `via-point` or `planner`; `mixture`: equal parts of these three; `given`: the
+            trajectories of a file; or the sampler of an installed package.
+        given: with `sampler: given`, a Parquet file whose column `waypoints` has the trajectories; else null.
+        settings: arguments for the sampler of an installed package.
+    """
 
     sizes: Annotated[tuple[Annotated[int, Field(strict=True, ge=2, le=100_000_000)], ...], Field()]
     sets: Annotated[int, Field(strict=True, ge=0, le=1000)]
@@ -350,7 +415,12 @@ class Sample(_Section):
 
 
 class Compute(_Section):
-    """How large sets of alternatives are computed."""
+    """How large sets of alternatives are computed.
+
+    Attributes:
+        partition: alternatives in one part. Larger sets go through the stages part by part.
+        memory_gb: memory that a core may use to transform a part. More allows larger sets and narrower bandwidths.
+    """
 
     partition: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
     memory_gb: Positive = 1.0
@@ -369,19 +439,35 @@ class Compute(_Section):
 
 
 class Features(_Section):
-    """How features are brought to one scale before models and kernels see them."""
+    """How features are brought to one scale before models and kernels see them.
+
+    Attributes:
+        scale: what each feature is divided by: its `range` (largest minus least) or standard deviation (`std`) over
+            the task's alternatives, nothing (`none`), or a number for each feature.
+    """
 
     scale: Literal["range", "std", "none"] | Annotated[dict[Name, Positive], AfterValidator(_frozen)]
 
 
 class Density(_Section):
-    """The kernel density of the alternatives in feature space."""
+    """The kernel density of the alternatives in feature space.
+
+    Attributes:
+        bandwidth: how the width of the kernel is chosen, see docs/method.md; or a number, in scaled features.
+    """
 
     bandwidth: Literal["leave-one-out", "k-fold", "literal"] | Positive
 
 
 class Infer(_Section):
-    """The hypotheses and the models that are compared."""
+    """The hypotheses and the models that are compared.
+
+    Attributes:
+        models: models that are compared.
+        theta_values: with `thetas: grid`, the size of the weight of each feature. Every combination is a theta, with
+            the sign by the kind of the feature, scaled to unit length.
+        betas: values of beta: how strictly people optimise.
+    """
 
     models: Annotated[tuple[ModelWord, ...], Field(min_length=1)]
     theta_values: Annotated[tuple[NonNegative, ...], Field(min_length=1)]
@@ -397,15 +483,18 @@ class Explore(_Section):
     """How the choice space is explored, see docs/choice_space.md.
 
     Attributes:
-        explorations: how many, independent of one another; 0: none.
-        evaluations: trajectories that each looks at in the first round; doubled until they agree.
-        most_evaluations: of each, in all.
-        tolerance: mean divergence of a pair of explorations (nats) that counts as agreement.
-        effort_multiple: largest effort as a multiple of the least; None: 1.25 times the most wasteful demonstration's.
-        width_rad: of the base measure; None: the demonstrations' deviation from their straight paths.
-        modes: half waves of each joint.
-        largest_step: of a joint from one waypoint to the next; None: speed has no limit.
-        cell: width of a cell of the map and of the kernel, in scaled features; None: derived.
+        explorations: number of independent explorations, whose agreement is measured. 0: the choice space is not
+            explored.
+        evaluations: trajectories that each exploration looks at in the first round. They are doubled until the
+            explorations agree.
+        most_evaluations: greatest number of trajectories that each exploration looks at.
+        tolerance: mean divergence of a pair of explorations (nats) up to which they agree.
+        effort_multiple: greatest effort, as a multiple of the least possible. null: 1.25 times the multiple of the
+            most wasteful demonstration.
+        width_rad: width of the base measure. null: the demonstrations' deviation from their straight paths.
+        modes: half waves of each joint around the straight path.
+        largest_step: greatest step of a joint from one waypoint to the next, in rad or m. null: speed has no limit.
+        cell: width of a cell of the map and of the kernel, in scaled features. null: derived.
     """
 
     explorations: Annotated[int, Field(strict=True, ge=0, le=100)] = 2
@@ -430,7 +519,15 @@ class Explore(_Section):
 
 
 class ShiftedSampler(_Section):
-    """One of the samplers that the alternatives come from under sampler shift."""
+    """One of the samplers that the alternatives come from under sampler shift.
+
+    Attributes:
+        kind: kind of sampler.
+        width_rad: for a deformation: its root mean square deviation, as in `sample`.
+        reach_rad: for a via-point: its reach, as in `sample`.
+        paths: for a planner: paths that it plans, each under random weights of its own.
+        of: for a mixture: names of the samplers that it has equal parts of.
+    """
 
     kind: SamplerKind
     width_rad: Positive | None = None
@@ -451,10 +548,11 @@ class Duplicates(_Section):
     """Near-copies that are slipped into sets of alternatives.
 
     Attributes:
-        set_size: of the independent sets that they are slipped into.
+        set_size: size of the independent sets that near-copies are added to.
         copied: how many alternatives of a set are copied, picked at random.
-        copies: how many near-copies of each, one number per experiment.
-        spreads: standard deviation of a copy's scaled features around the original's, one per experiment; 0 is exact.
+        copies: how many near-copies of each are added; one number per experiment.
+        spreads: standard deviation of a copy's scaled features around those of the original; one number per
+            experiment. 0: exact copies.
     """
 
     set_size: Annotated[int, Field(strict=True, ge=2)]
@@ -467,8 +565,8 @@ class Redraws(_Section):
     """Sets that are drawn again and again, see docs/twelve.md.
 
     Attributes:
-        draws: how often, of `sample.sets` sets of every size each.
-        samplers: each is studied by itself.
+        draws: how often the sets are drawn: each time `sample.sets` sets of every size.
+        samplers: samplers, each of which is studied by itself.
     """
 
     draws: Annotated[int, Field(strict=True, ge=2, le=1000)]
@@ -479,9 +577,9 @@ class Regimes(_Section):
     """Ways to come by alternatives, side by side, see docs/choice_space.md.
 
     Attributes:
-        optima: planned paths for every theta that a set gets.
-        choices: of each simulated person.
-        repetitions: simulated people for each theta and beta, judged by each set.
+        optima: planned paths that are added to a set, for every theta.
+        choices: choices of each simulated person.
+        repetitions: simulated people for each theta and beta. Each set infers what they want.
     """
 
     optima: Annotated[int, Field(strict=True, ge=1, le=100)] = 3
@@ -490,7 +588,11 @@ class Regimes(_Section):
 
 
 class Robustness(_Section):
-    """The study of how far a posterior depends on the alternatives that were sampled."""
+    """The study of how far a posterior depends on the alternatives that were sampled.
+
+    Attributes:
+        bandwidth_factors: multiples of the selected bandwidth, for the table `sensitivity`.
+    """
 
     samplers: Annotated[dict[Name, ShiftedSampler], Field(min_length=2), AfterValidator(_frozen)]
     duplicates: Duplicates
@@ -524,7 +626,14 @@ class Robustness(_Section):
 
 
 class HumanChoice(_Section):
-    """See `pipeline.studies.human_choice`."""
+    """See `pipeline.studies.human_choice`.
+
+    Attributes:
+        choices: CSV file with a row for each choice.
+        options: {group: [options on offer]}, if some options were never chosen; else null.
+        alpha: level of Wellek's equivalence test.
+        compare_with_paper: whether the results are compared with the paper's; false for your own choices.
+    """
 
     choices: str
     options: Annotated[dict[str, tuple[str, ...]], AfterValidator(_frozen)] | None

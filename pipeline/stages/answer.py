@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import polars as pl
 
-from pipeline.answers.assessment import Answer, Case, assess, choices_from, held_out_check
+from pipeline.answers.assessment import Answer, Case, assess, held_out_check
 from pipeline.answers.checks import end_gap
-from pipeline.answers.predictions import Offer, beyond_sentences, check_rows, feature_rows, likely_rows, motion_rows
+from pipeline.answers.predictions import (
+    Offer,
+    beyond_sentences,
+    check_rows,
+    feature_rows,
+    likely_rows,
+    log_mass_of_cells,
+    motion_rows,
+)
 from pipeline.answers.tables import (
     ALONE,
     GROUP,
@@ -22,10 +30,10 @@ from pipeline.answers.tables import (
     draw_rows,
     summary_rows,
 )
-from pipeline.answers.verdict import judge
 from pipeline.answers.words import preferences
 from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann
+from pipeline.choice.explored import Region
 from pipeline.choice.models import Model
 from pipeline.choice.prediction import PredictiveCheck, predictive
 from pipeline.choice.weights import GroupDraws, WeightDraws, sample_group, sample_weights
@@ -41,26 +49,24 @@ from pipeline.studies.robustness.divergence import true_direction
 from pipeline.terminal import say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.vocabulary import ALL
-from pipeline.workspace.choice_sets import FURTHER, Chosen, read_choices
+from pipeline.workspace.choice_sets import Chosen, choice_tables, read_choices
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
 
-NEEDED = ("demonstrations", "rejected", "alternatives", "features", "scales", "densities")
 PEOPLE = ("demonstration_id", "participant")
 
 
 def run(project: Project, name: str) -> None:
     """Write the tables of the answer of the task `name`."""
     task = project.params.task(name)
-    further = [table for table in FURTHER if project.table(name, table).exists()]
     with (
         recorded_run(project, "answer", name) as record,
-        TaskTables(project.tables(name, (*NEEDED, *further))) as tables,
+        TaskTables(choice_tables(project, name, "rejected")) as tables,
     ):
         tables.check()
         scene = load_task_scene(project, task)
-        chosen = read_choices(tables, further)
+        chosen = read_choices(tables)
         remarks = _remarks(chosen.people, tables["rejected"].read())
         stated = provenance(
             project, parameters("answer", name), [*tables.values(), *scene_files(scene.path)], model=model_hash(scene)
@@ -68,13 +74,14 @@ def run(project: Project, name: str) -> None:
         rng = child_rng(project.params.seed, "answer")
         positions = _positions(scene, chosen)
         case = case_of(chosen, end_gap_of(scene, chosen, positions), remarks)
+        offers = _offers(scene, chosen, positions)
         answer = assess(rng, case)
         found = preferences(answer.group.group, _specs(task, chosen.features))
-        rows = answer_rows(name, found, judge(answer.numbers))
+        rows = answer_rows(name, found, answer.verdict)
         made: dict[str, list[pl.DataFrame]] = {"answers": [rows]}
         for model in (LESS(case.sigma), Boltzmann()):
             known = answer if model.name == LESS.name else None
-            for table, part in _of_model(rng, model, case, chosen, positions, known):
+            for table, part in _of_model(rng, model, case, chosen, offers, known):
                 made.setdefault(table, []).append(part)
         for table in stage("answer").makes:
             written = pl.concat(made[table]).with_columns(task=pl.lit(name))
@@ -94,6 +101,36 @@ def _positions(scene: Scene, chosen: Chosen) -> dict[str, FloatArray]:
     """By anchor, (N, T, 3) of the end effector along the alternatives."""
     tip = scene.end_effector
     return {key: body_positions(scene, one.waypoints, [tip])[tip] for key, one in chosen.sets.items()}
+
+
+Offers = Callable[[Model, str], Offer]
+"""What is on offer under a model for those with an anchor."""
+
+
+def _offers(scene: Scene, chosen: Chosen, positions: dict[str, FloatArray]) -> Offers:
+    """The alternatives; or the trajectories that stand for the explored space, which are the same for all."""
+    space, paths = chosen.space, chosen.space_waypoints
+    if space is None or paths is None:
+
+        def of_set(model: Model, key: str) -> Offer:
+            own = chosen.sets[key]
+            scaled = own.raw / chosen.scale
+            return Offer(own.waypoints, own.raw, scaled, positions[key], model.weigh(scaled).log_w)
+
+        return of_set
+    cells, tip = Region.mean(space.regions[LESS.name]), scene.end_effector
+    places = body_positions(scene, paths, [tip])[tip]
+    weights = {LESS.name: cells.log_w}
+    if draws := space.regions.get(Boltzmann.name):
+        weights[Boltzmann.name] = log_mass_of_cells(Region.mean(draws), cells.features)
+
+    def of_space(model: Model, _: str) -> Offer:
+        log_w = weights[model.name]
+        some = np.isfinite(log_w)
+        features = cells.features[some]
+        return Offer(paths[some], features * chosen.scale, features, places[some], log_w[some])
+
+    return of_space
 
 
 def end_gap_of(scene: Scene, chosen: Chosen, positions: dict[str, FloatArray]) -> float | None:
@@ -129,7 +166,7 @@ def case_of(chosen: Chosen, gap: float | None = None, remarks: int | None = None
         bandwidth=float(np.median([one.bandwidth for one in chosen.sets.values()])),
         truth=np.stack(known) if len(known) == len(stated) else None,
         remarks=remarks,
-        explored=chosen.explored,
+        space=chosen.space,
     )
 
 
@@ -144,12 +181,12 @@ def _of_model(
     model: Model,
     case: Case,
     chosen: Chosen,
-    positions: dict[str, FloatArray],
+    offers: Offers,
     known: Answer | None,
 ) -> Iterator[tuple[str, pl.DataFrame]]:
     """Tables with the rows of one model; of LESS the answer is known already."""
     label = model.name
-    together = choices_from(model, case.chosen, case.rows)
+    together = case.considered(model)
     parts = [together.subset(own) for own in case.groups().values()]
     names = list(dict.fromkeys(chosen.people["participant"]))
     pooled = known.pooled if known else sample_weights(rng, together, count=2048)
@@ -168,9 +205,8 @@ def _of_model(
         if kind == PERSON or (kind == NEXT and chosen.shared):
             row = 0 if kind == NEXT else chosen.people["participant"].to_list().index(who)
             key = next(iter(chosen.sets)) if chosen.shared else chosen.people["demonstration_id"][row]
-            own = chosen.sets[key]
-            offer = Offer(own.ids, own.raw, own.raw / chosen.scale, positions[key])
-            p = predictive(offer.scaled, model.weigh(offer.scaled).log_w, draws.omega, draws.weight)
+            offer = offers(model, key)
+            p = predictive(offer.scaled, offer.log_w, draws.omega, draws.weight)
             about = {"model": pl.lit(label), "kind": pl.lit(kind), "participant": pl.lit(who)}
             yield "predictions", feature_rows(chosen.features, offer, p).with_columns(**about)
             yield "predicted_motion", motion_rows(offer, p).with_columns(**about)

@@ -10,6 +10,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
+from pipeline.choice.explored import Region
 from pipeline.errors import ArgumentError, StageError
 from pipeline.formats.parquet.tables import empty_table, write_table
 from pipeline.formats.parquet.task_tables import TaskTables
@@ -31,7 +32,6 @@ from pipeline.workspace.compute.exploration import (
     Hypotheses,
     Plan,
     Rounds,
-    Weighted,
     explored,
     with_fine_cells,
 )
@@ -234,7 +234,7 @@ def _tables(name: str, given: Inputs, plan: Plan, found: Explored) -> dict[str, 
     return {table: pl.concat(rows) for table, rows in tables.items()}
 
 
-def _weighted_rows(number: int, model: str, weighted: Weighted, waypoints: FloatArray | None) -> pl.DataFrame:
+def _weighted_rows(number: int, model: str, weighted: Region, waypoints: FloatArray | None) -> pl.DataFrame:
     """Rows of the table explored for one exploration and model."""
     rows = pl.DataFrame({"features": weighted.features, "log_weight": weighted.log_w})
     paths = None if waypoints is None else waypoints.astype(np.float32).astype(np.float64)

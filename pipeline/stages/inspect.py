@@ -65,7 +65,7 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
     with TaskTables(project.tables(name, INPUTS)) as tables:
         view = task_view(tables, project.table(name, "explored_posteriors"))
         alternatives = _alternatives(project, name, scene, view, tables["alternatives"])
-        predicted = _predicted(project, name, scene, tables["alternatives"])
+        predicted = _predicted(project, name, scene)
     tip = scene.end_effector
     paths = view.demonstrations["waypoints"].to_numpy()
     return Inspection(
@@ -116,7 +116,7 @@ def _alternatives(
     return tuple(found)
 
 
-def _predicted(project: Project, name: str, scene: Scene, table: OpenTable) -> dict[str, Predicted]:
+def _predicted(project: Project, name: str, scene: Scene) -> dict[str, Predicted]:
     """What someone new would do under each model; nothing if nothing is predicted yet."""
     paths = [project.table(name, one) for one in ("predicted_motion", "likely_paths")]
     if not all(path.exists() for path in paths):
@@ -128,8 +128,8 @@ def _predicted(project: Project, name: str, scene: Scene, table: OpenTable) -> d
     found = {}
     for model in motion["model"].unique(maintain_order=True):
         tube = motion.filter(model=model).sort("waypoint")
-        ids = likely.filter(model=model).sort("rank")["alternative_id"]
-        drawn = body_positions(scene, read_waypoints(table, ids), [scene.end_effector])[scene.end_effector]
+        likeliest = likely.filter(model=model).sort("rank")["waypoints"].to_numpy().astype(np.float64)
+        drawn = body_positions(scene, likeliest, [scene.end_effector])[scene.end_effector]
         low, median, high = (tube[column].to_numpy() for column in ("low", "median", "high"))
         found[str(model)] = Predicted(low, median, high, drawn)
     return found

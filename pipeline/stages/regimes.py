@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray, IntArray
+from pipeline.choice.explored import Region
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import write_table
@@ -55,7 +56,7 @@ from pipeline.vocabulary import (
 )
 from pipeline.workspace.choice_sets import demonstrations_of
 from pipeline.workspace.compute.executor import Workers, workers
-from pipeline.workspace.compute.exploration import Declared, Explored, Plan, Weighted, explored
+from pipeline.workspace.compute.exploration import Declared, Explored, Plan, explored
 from pipeline.workspace.project import Project, recorded_run
 from pipeline.workspace.provenance import provenance
 from pipeline.workspace.scenes import load_task_scene
@@ -119,7 +120,7 @@ class Judged:
     set_size: int
     alternatives: FloatArray
     log_w: FloatArray | None
-    source: Weighted
+    source: Region
     thetas: FloatArray
     betas: FloatArray
     which: IntArray

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 
 from pipeline.arrays import FloatArray
+from pipeline.choice.explored import ExploredSpace, Region
 from pipeline.errors import StageError
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.studies.robustness.divergence import true_direction
 from pipeline.studies.robustness.problem import Demonstrations
 from pipeline.vocabulary import LESS, TASK_ANCHOR, WORKING
+from pipeline.workspace.project import Project
 
-FURTHER = SHIFTED, EXPLORED = "shifted_features", "explored"
+NEEDED = ("demonstrations", "alternatives", "features", "scales", "densities")
+SHIFTED, EXPLORED, SPACE = "shifted_features", "explored", "choice_space"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +50,8 @@ class Chosen:
         raw: (n, F) features of the demonstrations.
         sets: by anchor.
         others: of each further sampler the raw features by anchor; empty if none was drawn.
-        explored: of each exploration under LESS, scaled features and log weights; empty if the space is not explored.
+        space: the explored choice space; None if it is not explored.
+        space_waypoints: (M, T, J) trajectories of the rows that LESS's explorations have, one after another.
     """
 
     features: tuple[str, ...]
@@ -56,7 +60,8 @@ class Chosen:
     raw: FloatArray
     sets: dict[str, ChoiceSet]
     others: tuple[dict[str, FloatArray], ...]
-    explored: tuple[tuple[FloatArray, FloatArray], ...]
+    space: ExploredSpace | None = None
+    space_waypoints: FloatArray | None = None
 
     @property
     def shared(self) -> bool:
@@ -67,6 +72,13 @@ class Chosen:
         """What a demonstration was chosen from."""
         return self.sets[TASK_ANCHOR if self.shared else self.people["demonstration_id"][row]]
 
+    def known(self, row: int) -> tuple[FloatArray, FloatArray]:
+        """Trajectories (N, T, J) that a demonstration was chosen from, as far as they are known, and raw (N, F)."""
+        if self.space is None or self.space_waypoints is None:
+            own = self.set_of(row)
+            return own.waypoints, own.raw
+        return self.space_waypoints, Region.mean(self.space.regions[LESS]).features * self.scale
+
     def of_all(self, by_anchor: dict[str, FloatArray]) -> FloatArray | tuple[FloatArray, ...]:
         """The one set of all demonstrations, or the set of each."""
         if self.shared:
@@ -74,12 +86,20 @@ class Chosen:
         return tuple(by_anchor[key] for key in self.people["demonstration_id"])
 
 
-def read_choices(tables: TaskTables, further: Collection[str] = ()) -> Chosen:
-    """The working sets of a task, and what its other samplers drew.
+def choice_tables(project: Project, name: str, *further: str) -> dict[str, Path]:
+    """The tables that say what the demonstrations of a task were chosen from, and `further` ones.
+
+    Of those of other samplers and of the explored space the ones that there are.
+    """
+    there = [table for table in (SHIFTED, EXPLORED, SPACE) if project.table(name, table).exists()]
+    return project.tables(name, dict.fromkeys((*NEEDED, *further, *there)))
+
+
+def read_choices(tables: TaskTables) -> Chosen:
+    """What the demonstrations of a task were chosen from: its working sets, other samplers' and the explored space.
 
     Args:
-        tables: demonstrations, alternatives, features, scales and densities, and those of `further`.
-        further: which of `FURTHER` there are.
+        tables: those of `choice_tables`.
 
     Raises:
         TableError: a table is missing or not what it should be.
@@ -118,9 +138,9 @@ def read_choices(tables: TaskTables, further: Collection[str] = ()) -> Chosen:
     if missing or both.height != rows.height:
         raise StageError(f"{tables['features'].path}: does not fit the other tables of the task; run `dvc repro`")
     raw = np.ascontiguousarray(people.select(names).to_numpy())
-    others = _others(tables, names, set(wanted)) if SHIFTED in further else ()
-    explored = _explored(tables) if EXPLORED in further else ()
-    return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others, explored)
+    others = _others(tables, names, set(wanted)) if SHIFTED in tables else ()
+    space, paths = _explored(tables) if EXPLORED in tables and SPACE in tables else (None, None)
+    return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others, space, paths)
 
 
 def demonstrations_of(tables: TaskTables) -> tuple[Demonstrations, pl.DataFrame, tuple[str, ...]]:
@@ -144,13 +164,18 @@ def demonstrations_of(tables: TaskTables) -> tuple[Demonstrations, pl.DataFrame,
     return found, scales, names
 
 
-def _explored(tables: TaskTables) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    columns = ["exploration", "model", "features", "log_weight"]
-    rows = tables[EXPLORED].read(columns, where=pl.col("model") == LESS)
-    return tuple(
-        (np.ascontiguousarray(part["features"].to_numpy()), part["log_weight"].to_numpy())
-        for _, part in rows.group_by("exploration", maintain_order=True)
-    )
+def _explored(tables: TaskTables) -> tuple[ExploredSpace | None, FloatArray | None]:
+    """What explorations have found, and the trajectories of the rows of LESS; of a space that is not explored, None."""
+    rows = tables[EXPLORED].read(["exploration", "model", "features", "log_weight", "waypoints"])
+    kernel = tables[SPACE].read(["cell"])["cell"][0]
+    if rows.is_empty() or kernel is None:
+        return None, None
+    regions: dict[str, list[Region]] = {}
+    for (_, model), part in rows.group_by("exploration", "model", maintain_order=True):
+        found = Region(np.ascontiguousarray(part["features"].to_numpy()), part["log_weight"].to_numpy())
+        regions.setdefault(str(model), []).append(found)
+    paths = rows.filter(model=LESS)["waypoints"].to_numpy().astype(np.float64)
+    return ExploredSpace({model: tuple(some) for model, some in regions.items()}, float(kernel)), paths
 
 
 def _others(tables: TaskTables, names: tuple[str, ...], wanted: set[str]) -> tuple[dict[str, FloatArray], ...]:

@@ -17,7 +17,7 @@ from pipeline.answers.verdict import Trust, judge
 def verdict_and_miss(kind: str, seed: int) -> tuple[Trust, bool]:
     setup = make(kind, seed)
     answer = assess(np.random.default_rng([seed, 1]), replace(setup.case, repetitions=20))
-    return judge(answer.numbers).trust, setup.missed(answer)
+    return answer.verdict.trust, setup.missed(answer)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -28,7 +28,14 @@ def test_a_missed_truth_is_never_trusted(kind: str) -> None:
 
 @pytest.mark.parametrize(
     "kind",
-    ["8 to 24 alternatives", "people beyond the alternatives", "wrong ends", "narrow sampler, no other to compare"],
+    [
+        "8 to 24 alternatives",
+        "people beyond the alternatives",
+        "wrong ends",
+        "narrow sampler, no other to compare",
+        "explored, people beyond the space",
+        "explored, wrong ends",
+    ],
 )
 def test_what_is_broken_is_not_trusted(kind: str) -> None:
     assert all(verdict_and_miss(kind, seed)[0] is not Trust.TRUST for seed in (0, 1))
@@ -59,3 +66,21 @@ def test_one_demonstration_of_one_person_is_answered_with_care() -> None:
     assert answer.numbers.surprise is None
     assert answer.numbers.disagreement is None
     assert judge(answer.numbers).trust is not Trust.TRUST
+
+
+def test_an_explored_space_replaces_the_alternatives_and_asks_no_sampler() -> None:
+    case = replace(make("explored", 1).case, repetitions=8)
+    answer = assess(np.random.default_rng(0), case)
+    unlike = replace(case, alternatives=np.asarray(case.alternatives)[:20] ** 3, scale=case.divisor)
+    others = assess(np.random.default_rng(0), unlike)
+    assert answer.numbers.samplers is None
+    assert "samplers" not in {line.name for line in answer.verdict.lines}
+    assert answer.numbers.coverage is not None
+    assert answer.numbers.explorations is not None
+    np.testing.assert_array_equal(answer.group.group.omega, others.group.group.omega)
+
+    assert case.space is not None
+    regions = {name: some[:1] for name, some in case.space.regions.items()}
+    once = assess(np.random.default_rng(0), replace(case, space=replace(case.space, regions=regions)))
+    assert (once.numbers.explorations, once.numbers.coverage) == (None, None)
+    assert once.verdict.trust is not Trust.TRUST

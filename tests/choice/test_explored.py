@@ -5,7 +5,9 @@ from scipy.stats import norm
 
 from pipeline.choice import LESS, log_likelihood
 from pipeline.choice.explored import (
+    ExploredSpace,
     PooledLESS,
+    Region,
     expected_choice,
     log_states,
     region_log_likelihood,
@@ -77,3 +79,37 @@ def test_expected_choice_prefers_what_thetas_want() -> None:
     assert share.sum() == pytest.approx(1.0)
     expected = np.mean([1 / (1 + np.exp(beta * theta.sum())) for theta in THETAS for beta in BETAS])
     assert share[0] == pytest.approx(expected)
+
+
+def regions() -> tuple[Region, Region]:
+    rng = np.random.default_rng(4)
+    return tuple(Region(rows, region_log_weights(rows, 0.1)) for rows in (rng.random((80, 2)), rng.random((50, 2))))
+
+
+def sums(region: Region, omega: np.ndarray) -> float:
+    return float(np.exp(region.features @ omega + region.log_w).sum())
+
+
+def test_a_sum_over_the_mean_of_regions_is_the_mean_of_their_sums() -> None:
+    omega = np.array([-3.0, 5.0])
+    assert sums(Region.mean(regions()), omega) == pytest.approx(np.mean([sums(one, omega) for one in regions()]))
+    assert Region.mean(regions()[:1]).features is not None
+
+
+def test_merged_rows_keep_their_weight_and_their_mean() -> None:
+    one = regions()[0]
+    merged = one.merged(0.2)
+    assert len(merged.features) < 30
+    assert np.exp(merged.log_w).sum() == pytest.approx(np.exp(one.log_w).sum())
+    mean = [(np.exp(region.log_w) @ region.features) / np.exp(region.log_w).sum() for region in (one, merged)]
+    np.testing.assert_allclose(mean[1], mean[0])
+    # a cube of width h spreads a utility by at most |omega| h sqrt(2) / 2 about its mean
+    omega, h = np.array([-3.0, 5.0]), 0.02
+    bound = np.cosh(np.linalg.norm(omega) * h * np.sqrt(2))
+    assert 1 / bound <= sums(one.merged(h), omega) / sums(one, omega) <= bound
+
+
+def test_near_rows_are_merged_and_kernels_changed_by_a_factor() -> None:
+    space = ExploredSpace({"less": regions()}, 0.1)
+    np.testing.assert_allclose(space.region("less").log_w, Region.mean(regions()).merged(0.025).log_w)
+    np.testing.assert_allclose(space.smoothed(2.0)[1].log_w, region_log_weights(regions()[1].features, 0.2))

@@ -49,7 +49,7 @@ def test_nothing_is_said_of_a_project_that_is_as_this_one(received: Path) -> Non
     found = inspect_project(received)
     assert found.findings == []
     assert found.files > 100
-    assert found.lines()[1:] == ["nothing in it runs but the stages of this program, and nothing leads out of it"]
+    assert found.lines()[1:] == ["only the stages of this program run in it, and nothing leads out of it"]
 
 
 def write(path: str, text: str) -> Callable[[Path], None]:
@@ -133,11 +133,11 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str, str]] = {
         write("s.xml", '<mujoco><asset><mesh file="/dev/zero"/></asset></mujoco>'), LEADS_OUT, "<mesh> names /dev/zero"
     ),
     "entities": (write("s.xml", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco>&b;</mujoco>'), ODD, "declares entities"),
-    "broken XML": (write("s.xml", "<mujoco>"), ODD, "is no XML that can be read"),
+    "broken XML": (write("s.xml", "<mujoco>"), ODD, "is not readable XML"),
     "aliases that multiply": (write("o.yaml", "a: &a [*a]\n"), ODD, "holds an alias of itself"),
     "a link out": (lambda folder: (folder / "l").symlink_to("/etc"), LEADS_OUT, "l: is a link to /etc"),
     "a link to itself": (lambda folder: (folder / "l").symlink_to("l"), LEADS_OUT, "l: is a link to l"),
-    "a pipe": (lambda folder: os.mkfifo(folder / "mesh.stl"), ODD, "mesh.stl: is no file"),
+    "a pipe": (lambda folder: os.mkfifo(folder / "mesh.stl"), ODD, "mesh.stl: is not a file but a pipe"),
     "a file that is not there": (sparse, ODD, "claims 5.0 GB, of which hardly any is there"),
     "a name that a terminal obeys": (write("a\x1b]0;b\x07.md", ""), ODD, "has a name with characters"),
 }  # fmt: skip

@@ -247,7 +247,7 @@ def test_dvc_waits_for_every_file_of_the_scene(project: Project, tmp_path: Path)
     text = text.replace('<body name="upper">', '<body name="upper"><include file="its, parts.xml"/>')
     (arm / "mine.xml").write_text(text)
     said = "\n".join(add_task(project, Wishes("pour", arm / "mine.xml", project.root / "mine")))
-    assert "of which DVC notices a change: arm/its, parts.xml, arm/meshes (scene_files)" in said
+    assert "whose changes DVC notices: arm/its, parts.xml, arm/meshes (scene_files)" in said
     fresh = Project(project.root)
     assert fresh.params.task("pour").scene_files == ("arm/its, parts.xml", "arm/meshes")
     written = (project.root / "dvc.yaml").read_text()

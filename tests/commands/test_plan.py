@@ -33,7 +33,7 @@ def test_a_plan_for_someone_new_and_for_one_person(
     run(project, "sweep", Wanted(None, "less", True))
     said = capsys.readouterr().out
     assert said.startswith("sweep: the motion that is best for someone new under LESS")
-    assert "nothing is touched or passed" in said
+    assert "no contact, and no limit is passed" in said
     assert "the answer that it rests on: do not trust" in said
 
     folder = project.datasets / "sweep" / "plan"

@@ -49,8 +49,8 @@ def test_a_design_is_served_as_it_is_and_the_same_again(
 ) -> None:
     first = made(project, tmp_path / "one.yaml")
     said = capsys.readouterr().out
-    assert "3 sets of 3 motions of sweep, of 80 that were looked at" in said
-    assert said.count("people show it (likelihood ratio test, power 0.8, level 0.05)") == 2
+    assert "3 sets of 3 motions of sweep, picked from 80" in said
+    assert said.count("people are enough to show it (likelihood ratio test, power 0.8, level 0.05)") == 2
     assert [len(trial.options) for trial in first.trials.values()] == [3, 3, 3]
     made(project, tmp_path / "two.yaml")
     assert (tmp_path / "one.yaml").read_bytes() == (tmp_path / "two.yaml").read_bytes()
@@ -90,7 +90,7 @@ def test_choices_that_do_not_belong_to_the_study_are_refused(project: Project, t
     for people, why in (
         ([{"set-9": "a"}], "line 2 has the trial 'set-9'; the study has set-1, set-2, set-3"),
         ([{"set-1": "z"}], "line 2 has the choice 'z' in set-1; it has a, b, c"),
-        ([], "has no choice that counts"),
+        ([], "has no choice that can be used"),
     ):
         with pytest.raises(SurveyError, match=why):
             weigh(project, tmp_path / "study.yaml", rows_of(people, tmp_path / "c.csv"))
@@ -105,7 +105,7 @@ def test_choices_that_do_not_belong_to_the_study_are_refused(project: Project, t
     with pytest.raises(SurveyError, match="line 2 has not all of participant, trial, choice"):
         weigh(project, tmp_path / "study.yaml", twice)
     design_grid(project, options=4, out=tmp_path / "grid.yaml")
-    with pytest.raises(SurveyError, match="is not about the motions of one task; `lessbench study human-choice"):
+    with pytest.raises(SurveyError, match="is not a study of the motions of one task; `lessbench study human-choice"):
         weigh(project, tmp_path / "grid.yaml", twice)
 
 
@@ -121,7 +121,7 @@ def test_the_design_of_a_grid_says_how_many_people_decide(
     design_grid(project, options=4, out=tmp_path / "grid.yaml")
     said = capsys.readouterr().out
     assert "1 on the left and 3 on the right" in said  # as in the paper
-    assert "44 people in the experimental trial show that the other is wrong" in said
+    assert "44 people in the experimental trial are enough to show that the other model is wrong" in said
     study = read_questionnaire(tmp_path / "grid.yaml")
     assert set(study.trials) == {"control", "experimental"}
     groups = [option.group for option in study.trials["experimental"].options.values() if not option.attention]

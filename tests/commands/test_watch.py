@@ -98,12 +98,12 @@ def test_recordings_come_while_it_runs(project: Project, tmp_path: Path, capsys:
     order = [line.split()[1] for line in lines if line.startswith("  ")]
     assert order == ["demo-2.mcap:", "demo-1.mcap:", "demo-0.mcap:"]
     assert sum("broken.mcap: not used (not-mcap)" in line for line in lines) == 1
-    assert sum("demo-1.mcap: waits, as it is not closed yet" in line for line in lines) == 1
+    assert sum("demo-1.mcap: not read yet, as it is not closed" in line for line in lines) == 1
     assert "Boltzmann " in lines[-3]
     assert "; LESS " in lines[-3]
     assert lines[-2].startswith("3 demonstrations, 1 not used")
     assert lines[-2].endswith("kept in datasets/sweep/watch")
-    assert lines[-1].startswith("these are beliefs, and no verdict; `lessbench answer sweep`")
+    assert lines[-1].startswith("these posteriors come without a verdict; `lessbench answer sweep`")
 
     kept = project.datasets / "sweep" / "watch"
     assert sorted(path.name for path in kept.iterdir()) == [
@@ -265,7 +265,9 @@ def test_task_and_folder_say_each_other(make_project: Make, parameters: dict[str
     project = make_project(parameters)
     assert which_task(project, mine, None) == ("sweep", mine)
     assert which_task(project, None, "other") == ("other", project.root / "theirs")
-    with pytest.raises(StageError, match=r"is the folder of recordings of no one task; .* --task: other, sweep"):
+    with pytest.raises(
+        StageError, match=r"is not the folder of recordings of exactly one task; .* --task: other, sweep"
+    ):
         which_task(project, tmp_path, None)
     with pytest.raises(StageError, match=r"no folder was given; .* --task: other, sweep"):
         which_task(project, None, None)

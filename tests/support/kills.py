@@ -71,7 +71,7 @@ def disturb(project: Undisturbed, number: int) -> str:
     small_project.run(root, "dvc", "repro")
     after = small_project.outputs(root)
     assert after == project.outputs, f"moment {number} ({stage}, {moment:.2f} s): {_difference(after, project.outputs)}"
-    if mended != "nothing to mend":
+    if mended != "nothing to repair":
         return "while DVC wrote dvc.lock or its list of users, which lessbench recover mended"
     return "anywhere in a run from nothing" if everything else f"in a run of {stage}"
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.arrays import FloatArray
+from pipeline.arrays import FloatArray, IndexArray
 from pipeline.choice.logspace import log_sum_exp
 from pipeline.choice.metrics import angle_to
 from pipeline.choice.validation import matrix, read_only, vector
@@ -144,6 +144,39 @@ class WeightDraws:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class SortedColumns:
+    """Columns in order, for quantiles under many weights.
+
+    Attributes:
+        order: (S, C) row numbers.
+        values: (S, C) in that order.
+    """
+
+    order: IndexArray
+    values: FloatArray
+
+    @classmethod
+    def of(cls, values: ArrayLike) -> SortedColumns:
+        """Sort the columns of (S, C) values."""
+        rows = matrix("values", values)
+        order = np.argsort(rows, axis=0, kind="stable")
+        return cls(order, np.take_along_axis(rows, order, axis=0))
+
+    def quantiles(self, weights: ArrayLike, levels: Sequence[float]) -> FloatArray:
+        """(L, C), as of `weighted_quantiles`."""
+        weight = vector("weights", weights)
+        if weight.shape != (len(self.order),) or weight.min() < 0 or not weight.sum() > 0:
+            raise ArgumentError(f"weights must be {len(self.order)} numbers, none negative and not all zero.")
+        wanted = vector("levels", levels)
+        if not np.all((wanted >= 0) & (wanted <= 1)):
+            raise ArgumentError(f"levels is {list(levels)}; each must be between 0 and 1.")
+        steps = weight[self.order] / weight.sum()
+        middles = np.cumsum(steps, axis=0) - steps / 2
+        columns = range(middles.shape[1])
+        return np.stack([np.interp(wanted, middles[:, c], self.values[:, c]) for c in columns], axis=1)
+
+
 def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[float]) -> FloatArray:
     """Quantiles of the columns of (S, C) values under (S,) weights, linear between the middles of the weights' steps.
 
@@ -156,14 +189,4 @@ def weighted_quantiles(values: ArrayLike, weights: ArrayLike, levels: Sequence[f
     Raises:
         ArgumentError: shapes do not fit, a weight is negative, or a level is not between 0 and 1.
     """
-    rows, weight = matrix("values", values), vector("weights", weights)
-    if weight.shape != (len(rows),) or weight.min() < 0 or not weight.sum() > 0:
-        raise ArgumentError(f"weights must be {len(rows)} numbers, none negative and not all zero.")
-    wanted = vector("levels", levels)
-    if not np.all((wanted >= 0) & (wanted <= 1)):
-        raise ArgumentError(f"levels is {list(levels)}; each must be between 0 and 1.")
-    order = np.argsort(rows, axis=0, kind="stable")
-    steps = weight[order] / weight.sum()
-    middles = np.cumsum(steps, axis=0) - steps / 2
-    ordered = np.take_along_axis(rows, order, axis=0)
-    return np.stack([np.interp(wanted, middles[:, c], ordered[:, c]) for c in range(rows.shape[1])], axis=1)
+    return SortedColumns.of(values).quantiles(weights, levels)

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import ndtr
 
 from pipeline.arrays import FloatArray, IndexArray
@@ -101,6 +102,19 @@ class GroupDraws:
         Along the group's direction a person's weights are N(|mu|, s^2), so it is the mean of Phi(-|mu| / s).
         """
         return float(self.group.weight @ ndtr(-self.group.beta / self.spread))
+
+    def divided(self, signs: ArrayLike, share: float = 1 / 3) -> FloatArray:
+        """(F,) probability that this share of people or more have a weight of the other sign; 0 where a sign is 0.
+
+        A draw (mu, s) says that Phi(-sign mu / s) of all people do.
+
+        Args:
+            signs: (F,) -1, 0 or 1.
+            share: of people.
+        """
+        wanted = np.asarray(signs, dtype=np.float64)
+        against = ndtr(-wanted * self.group.omega / self.spread[:, None])
+        return np.where(wanted == 0, 0.0, self.group.weight @ (against >= share))
 
     def _of(self, omega: FloatArray) -> WeightDraws:
         return WeightDraws(omega, self.group.log_weight, self.group.pareto_k, self.group.log_evidence)

@@ -107,7 +107,7 @@ def require_space(path: Path, size: int) -> None:
 
 def cannot_write(path: Path, error: OSError) -> StageError:
     """What to say of an error of the system while writing `path`."""
-    remedy = _REMEDIES.get(error.errno or 0, "mend that and run it again")
+    remedy = _REMEDIES.get(error.errno or 0, "correct that and run it again")
     reason = (error.strerror or str(error)).lower()
     return StageError(f"{path}: cannot be written ({reason}); {remedy}; what was there before is unchanged")
 

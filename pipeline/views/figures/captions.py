@@ -17,13 +17,9 @@ TASK_FIGURES: Mapping[str, str] = {
     "robustness": "How much posteriors differ between ten sets of alternatives (KLAggregate, here as the mean of a "
     "pair of sets; lower is more robust) against the size of the sets: sets of one sampler, and sets of ten different "
     "samplers. Bars are 95 % intervals; an arrow marks one that goes on.",
-    "two_posteriors": "The posterior of one demonstration from two sets of alternatives: where the bars of a pair "
-    "differ, the answer depends on which alternatives were drawn.",
     "accuracy": "Of simulated participants, whose true weights are known: the angle from the most probable weights to "
     "the true ones, and the probability given to the hypothesis nearest to them, against the size of the sets. Bars "
     "are 95 % intervals: over participants, and of all together over the sets.",
-    "importance": "Samplers whose density is known. Each alternative is weighted by one over that density: how robust "
-    "Boltzmann then is, and how few alternatives carry most of the weight. An arrow marks an interval that goes on.",
     "duplicates": "Near-copies of some alternatives are added to a set. How far does that move the posterior (KL "
     "divergence from the set without copies)? Spread is how far copies lie from their originals: the standard "
     "deviation of each scaled feature, whose range among the alternatives is 1 by default.",
@@ -39,6 +35,10 @@ FURTHER_FIGURES: Mapping[str, str] = {
     "weigh most. Each sampler covers another part.",
     "ten_posteriors": "The posterior of the first demonstration from each sampler's largest set, and from each "
     "exploration of the choice space, each from seeds of its own: a mark each. Where marks coincide, they agree.",
+    "importance": "Samplers whose density is known. Each alternative is weighted by one over that density: how robust "
+    "Boltzmann then is, and how few alternatives carry most of the weight. An arrow marks an interval that goes on.",
+    "two_posteriors": "The posterior of one demonstration from two sets of alternatives: where the bars of a pair "
+    "differ, the answer depends on which alternatives were drawn.",
 }
 """Shown in the report beside the others, and not by `dvc plots`."""
 STUDY_FIGURES: Mapping[str, str] = {

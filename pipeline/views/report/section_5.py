@@ -97,8 +97,8 @@ def section_5(results: Mapping[str, TaskResults], pictures: Mapping[str, bytes],
                     Picture(
                         pictures["standing"],
                         "Left: how many times KLAggregate of LESS is Boltzmann's, with the smallest sets; below 1 LESS "
-                        "is steadier. Right: how much better LESS predicts a person from the others, with the largest "
-                        "sets. Bars are 95 % intervals over draws and people.",
+                        "is more robust. Right: how much better LESS predicts a person from the others, with the "
+                        "largest sets. Bars are 95 % intervals over draws and people.",
                     ),
                     _positions(results),
                 ],
@@ -120,7 +120,7 @@ def _in_short(results: Mapping[str, TaskResults]) -> list[str]:
         single = one.leads.filter(model=LESS, demonstrations=SINGLE, sampler=one.default_sampler).sort("set_size")
         lower = [f"{row['set_size']:,}" for row in single.iter_rows(named=True) if row["high"] < 1]
         higher = [f"{row['set_size']:,}" for row in single.iter_rows(named=True) if row["low"] > 1]
-        ratio = _sentence(lower, higher, "is steadier", "is less steady", "sets of")
+        ratio = _sentence(lower, higher, "is more robust", "is less robust", "sets of")
         ahead = one.held_out_leads.filter(model=LESS, beta=INFERRED).filter(pl.col("sampler") != EXPLORED)
         largest = ahead.filter(pl.col("set_size") == pl.col("set_size").max()) if ahead.height else ahead
         better = [row["sampler"].replace("_", " ") for row in largest.iter_rows(named=True) if row["low"] > 0]
@@ -229,7 +229,7 @@ def _of_task(task: str, one: TaskResults, pictures: Mapping[str, bytes]) -> list
         Picture(
             pictures[f"{task}_ratios"],
             "Single demonstrations: KLAggregate of each model as a multiple of Boltzmann's, by sampler. Below 1 the "
-            "model is steadier than Boltzmann. Bars are 95 % intervals over draws and people.",
+            "model is more robust than Boltzmann. Bars are 95 % intervals over draws and people.",
         ),
         Picture(
             pictures[f"{task}_batch"],

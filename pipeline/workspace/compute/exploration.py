@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.arrays import FloatArray
 from pipeline.choice.convergence import Convergence, run_until
-from pipeline.choice.explored import expected_choice, region_log_likelihood, region_log_weights
+from pipeline.choice.explored import Region, expected_choice, region_log_likelihood, region_log_weights
 from pipeline.choice.inference import posterior_from
 from pipeline.choice.reweighting import base_weights
 from pipeline.replay.assessment import assessment
@@ -150,14 +150,6 @@ def cover(job: Mapped) -> Exploration:
 
 
 @dataclass(frozen=True, eq=False)
-class Weighted:
-    """What stands for the choice space under one model in one exploration: features (N, F) and log weights (N,)."""
-
-    features: FloatArray
-    log_w: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Cost:
     """What a round has cost and found, means over the explorations but for the least effective size."""
 
@@ -179,7 +171,7 @@ class Rounds:
     """
 
     convergence: Convergence = field(init=False)
-    rows: list[Weighted] = field(default_factory=list)
+    rows: list[Region] = field(default_factory=list)
     posteriors: list[FloatArray] = field(default_factory=list)
     costs: list[Cost] = field(default_factory=list)
 
@@ -271,7 +263,7 @@ def explored(pool: Workers, plan: Plan, label: str) -> Explored:
                 effective_size=min(one.effective_size for one in found),
             )
         )  # fmt: skip
-        return _posteriors(boltzmann, [Weighted(one.features, one.log_w) for one in found], plan)
+        return _posteriors(boltzmann, [Region(one.features, one.log_w) for one in found], plan)
 
     def covered(evaluations: int) -> FloatArray:
         jobs = [
@@ -289,7 +281,7 @@ def explored(pool: Workers, plan: Plan, label: str) -> Explored:
             )
         )  # fmt: skip
         found = [one.archive.features.copy() for one in maps]
-        return _posteriors(less, [Weighted(rows, region_log_weights(rows, plan.cell)) for rows in found], plan)
+        return _posteriors(less, [Region(rows, region_log_weights(rows, plan.cell)) for rows in found], plan)
 
     boltzmann.convergence = _rounds(drawn, plan)
     less.convergence = _rounds(covered, plan)
@@ -300,7 +292,7 @@ def _rounds(step: Callable[[int], FloatArray], plan: Plan) -> Convergence:
     return run_until(step, plan.evaluations, plan.tolerance, plan.most_evaluations)
 
 
-def _posteriors(model: Rounds, rows: list[Weighted], plan: Plan) -> FloatArray:
+def _posteriors(model: Rounds, rows: list[Region], plan: Plan) -> FloatArray:
     """(R, G, K) log posteriors over theta; those over theta and beta are kept."""
     thetas, betas = plan.asked.thetas, plan.asked.betas
     model.rows = rows

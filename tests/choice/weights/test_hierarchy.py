@@ -2,9 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.weights import Choices, GroupPrior, WeightPrior, sample_group, sample_weights
+from pipeline.choice.weights.draws import WeightDraws
+from pipeline.choice.weights.hierarchy import GroupDraws
 from pipeline.choice.weights.joint_mode import find_joint_modes
 from pipeline.choice.weights.laplace import find_modes
 from pipeline.errors import ArgumentError
@@ -108,3 +111,14 @@ def test_refusals() -> None:
         sample_group(np.random.default_rng(0), PEOPLE, count=3)
     with pytest.raises(ArgumentError, match="spreads"):
         GroupPrior(spreads=(0.0,))
+
+
+def test_how_probable_it_is_that_a_third_of_people_want_the_opposite() -> None:
+    """Draws of mu = 2, 0.4, 0 and -1 with s = 1 say that 2, 34, 50 and 84 % of people have a negative weight."""
+    group = WeightDraws(np.array([[2.0], [0.4], [0.0], [-1.0]]), np.log([0.4, 0.3, 0.2, 0.1]), 0.0, 0.0)
+    draws = GroupDraws(group, np.ones(4), np.zeros((4, 1, 1)))
+    np.testing.assert_allclose(norm.cdf([-2, -0.4, 0, 1]), [0.02, 0.34, 0.5, 0.84], atol=5e-3)
+    assert draws.divided([1])[0] == pytest.approx(0.6)
+    assert draws.divided([1], share=0.5)[0] == pytest.approx(0.3)
+    assert draws.divided([-1])[0] == pytest.approx(0.9)
+    assert draws.divided([0])[0] == 0
