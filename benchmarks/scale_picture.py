@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.measuring import Growth
 from pipeline.views import palette
-from pipeline.views.figures.style import TEXT_IN, color, in_style, new_figure, write_figure
+from pipeline.views.figures.style import TEXT, color, in_style, new_figure, small, write_figure
 
 COLORS = (palette.BLUE, palette.ORANGE, palette.VERMILLION, palette.PINK)
 LARGEST = 10_000_000
@@ -28,7 +28,7 @@ def draw_scale(costs: Mapping[str, Any], path: Path, names: Sequence[str]) -> No
 
 @in_style
 def _figure(costs: Mapping[str, Any], names: Sequence[str]) -> Figure:
-    figure = new_figure(TEXT_IN, 2.9)
+    figure = new_figure(TEXT, 2.9)
     time, memory = figure.subplots(1, 2)
     for name, rgb, marker in zip(names, COLORS, "osD^", strict=True):
         for axes, unit in ((time, "processor s"), (memory, "MB")):
@@ -41,13 +41,13 @@ def _figure(costs: Mapping[str, Any], names: Sequence[str]) -> Figure:
                 beyond = np.geomspace(sizes[-1], LARGEST, 20)
                 axes.plot(beyond, [growth.at(size) for size in beyond], color=color(rgb), linestyle=":", linewidth=0.8)
     for axes, title, label in (
-        (time, "Time; dotted: by its own growth", "processor time (s)"),
+        (time, "Time; dotted: what more would take, if each keeps growing so", "processor time (s)"),
         (memory, "Memory", "peak memory of the process (MB)"),
     ):
         axes.set(xscale="log", yscale="log", xlabel="alternatives", ylabel=label, title=title)
         axes.grid()
     time.axhline(3600, color="#888888", linewidth=0.5)
-    time.annotate("an hour", (LARGEST, 3600), ha="right", va="bottom", fontsize=7, color="#666666")
+    time.annotate("an hour", (LARGEST, 3600), ha="right", va="bottom", fontsize=small(), color="#666666")
     figure.legend(*time.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

@@ -6,6 +6,7 @@ from pipeline.params.sections import (
     FILE,
     Duplicates,
     Explore,
+    FigureSettings,
     GridWorldSettings,
     Infer,
     Ingest,
@@ -20,6 +21,7 @@ from pipeline.params.sections import (
 __all__ = [
     "Duplicates",
     "Explore",
+    "FigureSettings",
     "FILE",
     "GridWorldSettings",
     "Infer",

@@ -668,6 +668,22 @@ class GridWorldSettings(_Section):
         return self
 
 
+class FigureSettings(_Section):
+    """How figures are drawn for print.
+
+    Attributes:
+        column_in: width of those that fit into a column, inches.
+        text_in: width of those as wide as the page's text, inches.
+        font_pt: size of text, points; titles are a fifteenth larger and ticks as much smaller. Heights grow with it.
+        formats: what is written beside SVG, which the report and DVC show.
+    """
+
+    column_in: Annotated[float, Field(strict=True, ge=2, le=40, allow_inf_nan=False)] = 3.33
+    text_in: Annotated[float, Field(strict=True, ge=4, le=80, allow_inf_nan=False)] = 7.0
+    font_pt: Annotated[float, Field(strict=True, ge=4, le=40, allow_inf_nan=False)] = 7.5
+    formats: Annotated[tuple[Literal["png", "pdf"], ...], AfterValidator(_distinct)] = ("png", "pdf")
+
+
 class Studies(_Section):
     """The experiments that do not need a robot."""
 
@@ -690,6 +706,7 @@ class Params(_Section):
     explore: Explore = Field(default_factory=Explore)
     robustness: Robustness
     studies: Studies
+    figures: FigureSettings = Field(default_factory=FigureSettings)
 
     @model_validator(mode="after")
     def _across_sections(self) -> Params:

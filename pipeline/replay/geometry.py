@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pipeline.replay.scene import Scene
 
 KINDS = ("plane", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh")
-_VISIBLE_GROUPS = 3
+VISIBLE_GROUPS = 3
 _BY_TYPE = {int(getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")): kind for kind in KINDS}
 
 
@@ -76,7 +76,7 @@ def extract_geometry(model: Any) -> Geometry:
         SceneError: a visible geom is of a type that has no solid form here (height field, signed distance field).
     """
     names = tuple(model.body(i).name or f"body_{i}" for i in range(model.nbody))
-    visible = [i for i in range(model.ngeom) if model.geom_group[i] < _VISIBLE_GROUPS and colour(model, i)[3] > 0]
+    visible = [i for i in range(model.ngeom) if model.geom_group[i] < VISIBLE_GROUPS and colour(model, i)[3] > 0]
     return Geometry(body_names=names, shapes=tuple(_shape(model, i) for i in visible), viewpoint=_viewpoint(model))
 
 

@@ -1,4 +1,4 @@
-"""Stage: the figures of a task, as SVG and PNG, and its headline numbers, from the tables alone."""
+"""Stage: the figures of a task, and its headline numbers, from its tables and its scene."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.tables import read_table
 from pipeline.formats.parquet.task_tables import TaskTables
+from pipeline.replay.picture import named_things, take_picture
+from pipeline.replay.replay import body_positions
+from pipeline.replay.scene import Scene
 from pipeline.studies.robustness.samplings import COMPARED
 from pipeline.views.figures.folder import write_figures
 from pipeline.views.figures.held_out import held_out_figure
@@ -22,7 +25,8 @@ from pipeline.views.figures.robustness import (
     sensitivity_figure,
     two_posteriors_figure,
 )
-from pipeline.views.figures.style import Figure
+from pipeline.views.figures.scene import HEIGHT, WIDTH, scene_figure
+from pipeline.views.figures.style import Figure, printed
 from pipeline.views.figures.task import (
     before_after_figure,
     densities_figure,
@@ -32,10 +36,11 @@ from pipeline.views.figures.task import (
 )
 from pipeline.views.headline import task_headline
 from pipeline.views.intervals import compare_models, differences
-from pipeline.views.robustness import Example, accuracy, entropies, example, middle_size
+from pipeline.views.robustness import POINT, SETTING, Example, accuracy, changed_answers, example, middle_size, per_pair
 from pipeline.views.task_view import INPUTS, TaskView, task_view
 from pipeline.vocabulary import ALL, BOLTZMANN, KNOWN_DENSITY, LESS, SAMPLER_SHIFT, WORKING
 from pipeline.workspace.project import Project, recorded_run
+from pipeline.workspace.scenes import load_task_scene
 
 BOTH = (BOLTZMANN, LESS)
 EXPLORED_TABLES = ("explored", "shifted_features")
@@ -48,15 +53,17 @@ ROBUSTNESS = (
 
 def run(project: Project, name: str) -> None:
     """Write the figures and metrics.json of the task `name`."""
-    project.params.task(name)
+    task = project.params.task(name)
     with (
         recorded_run(project, "figures", name, (project.figures(name), project.metrics(name))) as record,
+        printed(project.params.figures),
         TaskTables(project.tables(name, INPUTS)) as inputs,
         TaskTables(project.tables(name, ("held_out", "rejected", *ROBUSTNESS))) as results,
     ):
         view = task_view(inputs, project.table(name, "explored_posteriors"))
         final = {model: steps[-1].marginal_theta for model, steps in view.beliefs.items()}
         figures = {
+            "scene": _scene(load_task_scene(project, task), view.demonstrations["waypoints"].to_numpy()),
             "densities": densities_figure(view.curves),
             "density_map": map_figure(view.map),
             "posterior": posterior_figure(final, view.labels, view.meaning, view.over, view.nearest_truth),
@@ -71,7 +78,7 @@ def run(project: Project, name: str) -> None:
                 figures["predicted"] = predicted_figure(following, view.axes, view.demonstration_phi)
         summary = None
         if project.table(name, ROBUSTNESS[0]).exists():
-            figures |= _robustness(results, view.labels, view.meaning)
+            figures |= _robustness(results, view)
             summary = results["robustness_summary"].read()
             figures |= _explored(project, name, view, results["robustness_posteriors"])
         else:
@@ -84,26 +91,36 @@ def run(project: Project, name: str) -> None:
         record.produced = f"{len(figures)} figures"
 
 
-def _robustness(tables: TaskTables, labels: tuple[str, ...], meaning: str) -> dict[str, Figure]:
-    truth = accuracy(tables["robustness"].read())
+def _scene(scene: Scene, waypoints: FloatArray) -> Figure:
+    """The arm where motions start, by the scene's keyframe or as the first demonstration (n, T, J) does."""
+    paths = body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
+    start = waypoints[0, 0] if scene.start is None else scene.start
+    return scene_figure(take_picture(scene, start, paths.reshape(-1, 3), WIDTH, HEIGHT), paths, named_things(scene))
+
+
+def _robustness(tables: TaskTables, view: TaskView) -> dict[str, Figure]:
+    robustness = tables["robustness"].read()
+    of_all = tables["robustness_posteriors"].read(where=pl.col("demonstration_id") == ALL)
+    truth = accuracy(robustness, of_all, None if view.truth is None else view.truth.mean)
     shown = _example(tables["robustness_posteriors"])
     sensitivity = tables["sensitivity"].read()
     size = middle_size(sensitivity)
-    summary, sets = tables["robustness_summary"].read(), tables["robustness_sets"].read()
+    summary = per_pair(tables["robustness_summary"].read(), robustness, POINT)
+    sets = tables["robustness_sets"].read()
+    varied = tables["sensitivity_summary"].read(where=pl.col("set_size") == size)
     figures = {
         "robustness": kl_figure(summary),
-        "two_posteriors": two_posteriors_figure(shown.posteriors, shown.set_ids, labels, meaning),
+        "two_posteriors": two_posteriors_figure(shown.posteriors, shown.set_ids, view.labels, view.meaning),
         "duplicates": duplicates_figure(tables["duplicates_summary"].read()),
         "sensitivity": sensitivity_figure(
-            tables["sensitivity_summary"].read(where=pl.col("set_size") == size),
-            entropies(sensitivity.filter(set_size=size)),
+            per_pair(varied, sensitivity, SETTING), changed_answers(sensitivity.filter(set_size=size))
         ),
     }
     if KNOWN_DENSITY in summary["regime"]:
         alike = pl.col("model").is_in(COMPARED)
         figures["importance"] = importance_figure(summary.filter(alike), truth.filter(alike), sets)
     if truth.height:
-        figures["accuracy"] = accuracy_figure(truth, len(labels))
+        figures["accuracy"] = accuracy_figure(truth, len(view.labels))
     return figures
 
 

@@ -8,6 +8,7 @@ from pipeline.formats.parquet.tables import read_table
 from pipeline.views.figures.folder import write_figures
 from pipeline.views.figures.grid_world import density_figure, overall_figure, sets_figure, true_posterior_figure
 from pipeline.views.figures.human_choice import choices_figure
+from pipeline.views.figures.style import printed
 from pipeline.views.headline import studies_headline
 from pipeline.views.intervals import with_mean_intervals, with_share_intervals
 from pipeline.vocabulary import STUDIES
@@ -17,7 +18,10 @@ from pipeline.workspace.project import Project, recorded_run
 def run(project: Project) -> None:
     """Write the figures and metrics.json of the human choice study and of the grid world."""
     grid = project.params.studies.grid_world
-    with recorded_run(project, "figures", STUDIES, (project.figures(STUDIES), project.metrics(STUDIES))) as record:
+    with (
+        recorded_run(project, "figures", STUDIES, (project.figures(STUDIES), project.metrics(STUDIES))) as record,
+        printed(project.params.figures),
+    ):
         summary = _table(project, "grid_world_summary")
         means = with_mean_intervals(summary)
         paths, posteriors = _table(project, "grid_world_paths"), _table(project, "grid_world_posteriors")

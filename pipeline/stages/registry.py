@@ -190,6 +190,8 @@ STAGES = (
     ),
     Stage(
         "figures", Scope.TASK, "figures", "pipeline.stages.figures",
+        parameters=("tasks.{task}.end_effector", "figures"),
+        inputs=(SCENE,),
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "posteriors", "held_out",
             "robustness", "robustness_summary", "robustness_sets", "robustness_posteriors", "sensitivity",
@@ -230,7 +232,7 @@ STAGES = (
     ),
     Stage(
         "study-figures", Scope.STUDIES, "figures studies", "pipeline.stages.figures_studies",
-        parameters=("studies.grid_world.objects", "studies.grid_world.size"),
+        parameters=("studies.grid_world.objects", "studies.grid_world.size", "figures"),
         reads=(
             "grid_world_density_1d", "grid_world_density_2d", "grid_world_paths", "grid_world_posteriors",
             "grid_world_summary", "human_choice_predictions", "human_choice_tests",
@@ -293,6 +295,7 @@ BY_COMMAND = (
     ),
     Stage(
         "section-5", Scope.PROJECT, "study section-5", "pipeline.stages.section_5",
+        parameters=("figures",),
         inputs=("datasets/{task}/tables",),
         outputs=("datasets/section_5.html", "datasets/studies/section_5_figures"),
     ),
@@ -302,7 +305,7 @@ BY_COMMAND = (
     ),
     Stage(
         "trips", Scope.STUDIES, "study trips", "pipeline.stages.trips",
-        parameters=("seed",),
+        parameters=("seed", "figures"),
         reads=("trips_network", "trips_observed"),
         makes=(
             "trips_exact", "trips_estimates", "trips_held_out", "trips_scores", "trips_angles", "trips_routes",
@@ -313,7 +316,7 @@ BY_COMMAND = (
 )  # fmt: skip
 """What DVC does not run, because the project does not have the data. The catalog takes the tables that are there."""
 # parameters that may be left out; DVC cannot wait for what is not there, and then waits for the whole task instead
-OPTIONAL_SECTIONS = ("explore",)  # of params.yaml; a stage waits for one only if it is there
+OPTIONAL_SECTIONS = ("explore", "figures")  # of params.yaml; a stage waits for one only if it is there
 OPTIONAL = ("tasks.{task}.joints", "tasks.{task}.joint_names", "tasks.{task}.reading")
 # parameters that a stage may read without declaring them, with the reason why that changes no result
 UNDECLARED = {

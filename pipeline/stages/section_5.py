@@ -12,7 +12,7 @@ from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.parquet.tables import read_table
 from pipeline.studies.robustness.redraws import INFERRED
 from pipeline.views.figures.redraws import held_out_leads_figure, ratios_figure, standing_figure
-from pipeline.views.figures.style import write_figure
+from pipeline.views.figures.style import printed, write_figure
 from pipeline.views.report.html import write_report
 from pipeline.views.report.section_5 import TaskResults, section_5, standing
 from pipeline.vocabulary import ALL, BATCH, EXPLORED, MIXTURE, SINGLE
@@ -38,7 +38,7 @@ def run(project: Project) -> None:
     page, figures = project.path(PAGE), project.path(FIGURES)
     with recorded_run(project, "section-5", ALL, (page, figures)) as record:
         results = {name: _results(project, name) for name in tasks}
-        with folder_written_whole(figures) as folder:
+        with printed(project.params.figures), folder_written_whole(figures) as folder:
             _draw(folder, results)
         pictures = {path.stem: path.read_bytes() for path in sorted(figures.glob("*.svg"))}
         made_by = f"lessbench {version('lessbench')}, MuJoCo {version('mujoco')}, seed {project.params.seed}"

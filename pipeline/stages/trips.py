@@ -11,7 +11,7 @@ from pipeline.stages.registry import parameters, stage
 from pipeline.studies.trips.roads import Roads
 from pipeline.studies.trips.study import run_trips
 from pipeline.studies.trips.town_map import town_map
-from pipeline.views.figures.style import write_figure
+from pipeline.views.figures.style import printed, write_figure
 from pipeline.views.figures.trips import routes_figure, samplers_figure, scores_figure
 from pipeline.views.report.html import write_report
 from pipeline.views.report.trips import trips_report
@@ -41,7 +41,7 @@ def run(project: Project) -> None:
         town = town_map(network)
         for name, table in (vars(study) | {"map": town}).items():
             write_table(project.table(STUDIES, f"trips_{name}"), f"trips_{name}", table, stated)
-        with folder_written_whole(figures) as folder:
+        with printed(project.params.figures), folder_written_whole(figures) as folder:
             write_figure(folder, "scores", scores_figure(study.scores))
             write_figure(folder, "samplers", samplers_figure(study.angles))
             write_figure(folder, "routes", routes_figure(town, study.routes, study.route_links))

@@ -49,6 +49,15 @@ class HypothesisRows:
         values = posterior[self.order]
         return np.append(values, max(0.0, 1.0 - values.sum())) if self.others else values
 
+    def own(self, posterior: FloatArray) -> FloatArray:
+        """(R,) probabilities of the hypotheses with a row of their own."""
+        return posterior[self.order]
+
+    @property
+    def unshown(self) -> str:
+        """That the others are not shown, for charts without their row; empty if there are none."""
+        return f" ({self.last.replace(' together', '')} not shown)" if self.others else ""
+
     def names(self, labels: Sequence[str], truth: int | None = None) -> list[str]:
         """(count,) names of the rows; the hypothesis nearest to the truth is marked, if that is known."""
         names = [marked(labels[k]) if k == truth else labels[k] for k in self.order]

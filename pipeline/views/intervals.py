@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
-from scipy.special import betaincinv, ndtri
+from scipy.special import betaincinv, ndtri, stdtrit
 
 from pipeline.choice import HeldOutScore, compare_held_out
 from pipeline.errors import ArgumentError
@@ -63,6 +63,18 @@ def with_mean_intervals(summary: pl.DataFrame) -> pl.DataFrame:
     """The table `grid_world_summary` with `low` and `high`: mean TruePosterior -+ 1.96 standard errors (95 %)."""
     half_width = pl.col("standard_error") * float(ndtri((1 + LEVEL) / 2))
     return summary.with_columns(low=pl.col("true_posterior") - half_width, high=pl.col("true_posterior") + half_width)
+
+
+def mean_interval(values: FloatArray, level: float = LEVEL) -> tuple[float, float] | None:
+    """The interval of a mean by Student's t; None with fewer than two values.
+
+    >>> [round(end, 3) for end in mean_interval(np.array([1.0, 2.0, 3.0]))]
+    [-0.484, 4.484]
+    """
+    if len(values) < 2:
+        return None
+    half_width = float(stdtrit(len(values) - 1, (1 + level) / 2) * np.std(values, ddof=1) / np.sqrt(len(values)))
+    return float(np.mean(values)) - half_width, float(np.mean(values)) + half_width
 
 
 def compare_models(held_out: pl.DataFrame) -> pl.DataFrame:

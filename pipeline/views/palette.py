@@ -36,6 +36,8 @@ GROUND: RGB = (74, 78, 86)
 MODELS: dict[str, RGB] = {
     vocabulary.BOLTZMANN: BLUE, vocabulary.LESS: ORANGE, vocabulary.ATTRIBUTE_RULE: GREEN, vocabulary.PATH_SIZE: SKY,
 }  # fmt: skip
+VARIANTS: dict[str, RGB] = {vocabulary.BOLTZMANN_WEIGHTED: VERMILLION, vocabulary.LESS_CLEAN_BANDWIDTH: GREEN}
+"""Variants of models, which stand beside the plain ones alone."""
 _OTHER_MODELS = (VERMILLION, YELLOW)
 DEMONSTRATION = PINK
 SETS: dict[str, RGB] = {"Xi_L": VERMILLION, "Xi_B": PINK}
@@ -85,9 +87,10 @@ def _luminance(color: RGB) -> float:
 
 def model_color(name: str, names: tuple[str, ...]) -> RGB:
     """The colour of a model among those shown together; models without a colour take the spare ones in order."""
-    if name in MODELS:
-        return MODELS[name]
-    others = [other for other in names if other not in MODELS]
+    known = MODELS | VARIANTS
+    if name in known:
+        return known[name]
+    others = [other for other in names if other not in known]
     return _OTHER_MODELS[others.index(name) % len(_OTHER_MODELS)]
 
 

@@ -52,6 +52,7 @@ class DensityMap:
         x: (G,) increasing, evenly spaced values of the first, in raw units.
         y: (H,) increasing, evenly spaced values of the second, in raw units.
         density: (H, G) density per raw unit of both, row h at `y[h]`, column g at `x[g]`.
+        adjusted: (H, G) the same if each alternative has its LESS weight; None if that is not known.
         demonstrations: (n, 2) raw values of the demonstrations.
         over_time: the same of both.
     """
@@ -63,10 +64,13 @@ class DensityMap:
     density: FloatArray
     demonstrations: FloatArray
     over_time: tuple[str, str] = ("", "")
+    adjusted: FloatArray | None = None
 
 
 def feature_grid(alternatives: FloatArray, demonstrations: FloatArray, bandwidth: float, size: int) -> FloatArray:
     """Evenly spaced values from two bandwidths below the least value of a feature to two above its largest.
+
+    They do not go beyond zero if no value does: what the kernel puts there is where no trajectory can be.
 
     Args:
         alternatives: (N,) raw values.
@@ -78,7 +82,12 @@ def feature_grid(alternatives: FloatArray, demonstrations: FloatArray, bandwidth
         (size,) values in raw units.
     """
     values = np.concatenate([alternatives, demonstrations])
-    return np.linspace(values.min() - 2 * bandwidth, values.max() + 2 * bandwidth, size)
+    low, high = values.min() - 2 * bandwidth, values.max() + 2 * bandwidth
+    if values.min() >= 0:
+        low = max(low, 0.0)
+    elif values.max() <= 0:
+        high = min(high, 0.0)
+    return np.linspace(low, high, size)
 
 
 def density_1d(
@@ -145,11 +154,12 @@ def density_map(
     bandwidths: FloatArray,
     size: tuple[int, int] = (120, 90),
     over_time: tuple[str, str] = ("", ""),
+    less_log_weights: FloatArray | None = None,
 ) -> DensityMap:
     """Kernel density of the alternatives over two features.
 
-    f(x, y) = 1/N sum_i N(x; x_i, sigma_x^2) N(y; y_i, sigma_y^2): the marginal, over the other features, of the
-    density that LESS divides by.
+    f(x, y) = sum_i w_i N(x; x_i, sigma_x^2) N(y; y_i, sigma_y^2): with w_i = 1/N the marginal, over the other
+    features, of the density that LESS divides by.
 
     Args:
         features: names of the two features.
@@ -159,19 +169,24 @@ def density_map(
         bandwidths: (2,) sigma in raw units of each.
         size: number of values along the horizontal and the vertical axis.
         over_time: of the two features.
+        less_log_weights: (N,) log weight of each alternative under LESS, for the map that it leads to.
 
     Raises:
-        ArgumentError: a bandwidth is not positive.
+        ArgumentError: a bandwidth is not positive, or there is not one weight per alternative.
     """
     axes = [feature_grid(alternatives[:, i], demonstrations[:, i], float(bandwidths[i]), size[i]) for i in (0, 1)]
-    density = np.zeros((size[1], size[0]))
+    count = len(alternatives)
+    weights = [_weights(None, count)] + ([] if less_log_weights is None else [_weights(less_log_weights, count)])
+    densities = [np.zeros((size[1], size[0])) for _ in weights]
     step = max(1, _BLOCK_ELEMENTS // sum(size))
     for start in range(0, len(alternatives), step):
-        block = alternatives[start : start + step]
+        part = slice(start, start + step)
+        block = alternatives[part]
         # the Gaussian is a product over features: two thin matrices instead of one value per cell and alternative
         along_x, along_y = (_kernel(axes[i], block[:, i], float(bandwidths[i])) for i in (0, 1))
-        density += along_y @ along_x.T
-    return DensityMap(features, units, axes[0], axes[1], density / len(alternatives), demonstrations, over_time)
+        for density, weight in zip(densities, weights, strict=True):
+            density += (along_y * weight[part]) @ along_x.T
+    return DensityMap(features, units, axes[0], axes[1], densities[0], demonstrations, over_time, *densities[1:])
 
 
 def theta_labels(thetas: FloatArray, names: Sequence[str]) -> tuple[str, ...]:

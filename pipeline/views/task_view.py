@@ -180,6 +180,7 @@ class _FeatureSpace:
             self.phi[:, pair],
             self.demonstration_phi[:, pair],
             self.bandwidth * self.scale[pair],
+            self.log_weights,
         )
 
 
@@ -205,7 +206,11 @@ def _feature_space(tables: TaskTables, demonstrations: pl.DataFrame) -> _Feature
 
 
 def map_on_axes(
-    axes: tuple[FeatureAxis, FeatureAxis], alternatives: FloatArray, demonstrations: FloatArray, bandwidths: FloatArray
+    axes: tuple[FeatureAxis, FeatureAxis],
+    alternatives: FloatArray,
+    demonstrations: FloatArray,
+    bandwidths: FloatArray,
+    less_log_weights: FloatArray | None = None,
 ) -> DensityMap:
     """The density over two features, as they stand on their axes; other arguments raw, as in `density_map`."""
     per = np.array([axis.per for axis in axes])
@@ -216,6 +221,7 @@ def map_on_axes(
         demonstrations / per,
         bandwidths / per,
         over_time=(axes[0].said, axes[1].said),
+        less_log_weights=less_log_weights,
     )
 
 

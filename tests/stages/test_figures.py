@@ -39,7 +39,8 @@ STUDY_FIGURES = [
     "grid_world_true_posterior",
     "human_choice",
 ]
-TASK_FIGURES = ["densities", "density_map", "held_out", "posterior"]
+TASK_FIGURES = ["densities", "density_map", "held_out", "posterior", "scene"]
+KINDS = ("pdf", "png", "svg", "txt")
 
 
 @pytest.fixture
@@ -66,7 +67,7 @@ def test_the_studies_figures_are_whole_and_the_same_again(studied: Project) -> N
     (folder / "of_an_older_version.svg").write_text("gone")
     figures_studies.run(studied)
     first = written(folder)
-    assert list(first) == [f"{name}.{kind}" for name in STUDY_FIGURES for kind in ("png", "svg")]
+    assert list(first) == [f"{name}.{kind}" for name in STUDY_FIGURES for kind in KINDS]
     figures_studies.run(studied)
     assert written(folder) == first
     assert sorted(path.name for path in folder.parent.iterdir()) == ["figures", "metrics.json", "tables"]
@@ -83,7 +84,7 @@ def test_a_task_has_its_figures(make_project: Make, parameters: dict[str, Any]) 
         stage.run(project, "sweep")
     folder = project.datasets / "sweep" / "figures"
     first = written(folder)
-    assert list(first) == [f"{name}.{kind}" for name in TASK_FIGURES for kind in ("png", "svg")]
+    assert list(first) == [f"{name}.{kind}" for name in TASK_FIGURES for kind in KINDS]
     numbers = (project.datasets / "sweep" / "metrics.json").read_bytes()
     assert json.loads(numbers)["recordings"] == {"used": 3, "rejected": 0}
     assert list(json.loads(numbers))[1:] == ["boltzmann", "less", "attribute-rule"]

@@ -42,7 +42,7 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
     assert re.findall("<h2>(.+)</h2>", page) == [
         "Answers", "In short", "Task: sweep", "What to be careful about", "Words", "Made with", "Parameters",
     ]  # fmt: skip
-    assert page.count("<figure") == len(list(reported.figures("sweep").glob("*.svg"))) == 5
+    assert page.count("<figure") == len(list(reported.figures("sweep").glob("*.svg"))) == 6
     shown = re.sub("<details>.*?</details>", "", page, flags=re.DOTALL)  # what is printed, and seen without a click
     assert 1 <= shown.count("<figure") <= 4
     assert "Task sweep: 1 of 4 recordings were rejected" in page
@@ -84,7 +84,7 @@ def test_a_browser_shows_all_of_it_and_fetches_nothing(reported: Project, tmp_pa
             shown = page.ask(
                 "[...document.images].map(i => [i.complete, i.naturalWidth, i.getBoundingClientRect().height])"
             )
-            assert len(shown) == 5
+            assert len(shown) == 6
             assert all(complete and natural > 100 and height > 50 for complete, natural, height in shown), shown
             page.ask("document.querySelectorAll('details').forEach(one => { one.open = true })")
             text = page.ask("document.body.innerText")

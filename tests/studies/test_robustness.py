@@ -265,6 +265,12 @@ def test_one_choice_at_a_time(problem: Problem) -> None:
     ]
     row = table.filter(choice="bandwidth", setting="0.5", model="less", **mine)
     assert row["kl_aggregate"].item() == pytest.approx(slow_kl_aggregate(half), rel=1e-9)
+    usual = [slow_marginals(people.features[[0]], s.features["task"], THETAS, BETAS) for s in samplings]
+    flips = [np.argmax(one) != np.argmax(other) for one, other in zip(fixed, usual, strict=True)]
+    changed = table.filter(choice="beta", setting="5", model="boltzmann", **mine)["map_changed"].item()
+    assert changed == pytest.approx(np.mean(flips))
+    assert table.filter("is_default")["map_changed"].max() == 0
+    assert table["map_changed"].max() > 0
     assert table.filter(setting="joint")["true_posterior"].null_count() == table.filter(setting="joint").height
 
 

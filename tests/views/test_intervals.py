@@ -21,7 +21,7 @@ from pipeline.views.intervals import (
 
 
 def test_the_examples_in_the_docstrings() -> None:
-    assert doctest.testmod(intervals) == doctest.TestResults(0, 3)
+    assert doctest.testmod(intervals) == doctest.TestResults(0, 4)
 
 
 @pytest.mark.parametrize(("count", "n"), [(15, 37), (1, 10), (9, 10), (200, 1200)])

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import polars as pl
 import pytest
+from scipy.special import stdtrit
 
-from pipeline.views.robustness import ACCURACY, accuracy, entropies, example, middle_size
+from pipeline.views.robustness import ACCURACY, POINT, accuracy, changed_answers, example, middle_size, per_pair
 
 
 def robustness(truth: bool = True) -> pl.DataFrame:
@@ -15,7 +17,7 @@ def robustness(truth: bool = True) -> pl.DataFrame:
             "regime": "independent", "model": "less", "set_size": 10, "demonstration_id": ["a", "b", "c", "all"],
             "participant": ["a", "b", "c", "all"], "kl_low": 100.0, "kl_high": 200.0,
             "map_angle_rad": angles, "true_posterior": [0.2, 0.4, 0.9, 0.7] if truth else [None] * 4,
-            "truth_to_grid_rad": [0.05] * 4, "entropy": [1.0, 3.0, 2.0, 0.5],
+            "truth_to_grid_rad": [0.05] * 4, "map_changed": [1.0, 0.5, 0.0, 0.25], "sets": 4,
         },
         schema_overrides={"true_posterior": pl.Float64},
     )  # fmt: skip
@@ -38,19 +40,43 @@ def test_nothing_is_said_about_accuracy_where_no_truth_is_known() -> None:
     assert {"measure", "regime", "model", "set_size"} <= set(table.columns)
 
 
-def test_entropies_leave_out_joint_posteriors() -> None:
-    sensitivity = pl.concat(
-        [
-            robustness().with_columns(
-                choice=pl.lit("beta"), setting=pl.lit(name), is_default=pl.lit(name == "marginal")
-            )
-            for name in ("marginal", "joint")
-        ]
-    )
-    table = entropies(sensitivity)
-    assert table.select("setting", "demonstrations", "value").rows() == [
-        ("marginal", "single", 2.0),
-        ("marginal", "batch", 0.5),
+def test_accuracy_of_all_together_has_an_interval_over_the_sets() -> None:
+    # three thetas at 0, 60 and 90 degrees to the truth, and four sets of which one errs by 60
+    thetas = np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)], [0.0, 1.0]])
+    probability = [[0.6, 0.3, 0.1], [0.8, 0.1, 0.1], [0.3, 0.6, 0.1], [0.7, 0.2, 0.1]]
+    rows = [
+        ("independent", "less", 10, f"{number}", theta_id, thetas[theta_id].tolist(), p)
+        for number, of_set in enumerate(probability)
+        for theta_id, p in enumerate(of_set)
+    ]
+    names = ["regime", "model", "set_size", "set_id", "theta_id", "theta", "posterior"]
+    together = pl.DataFrame(rows, schema=names, orient="row").with_columns(pl.col("theta").list.to_array(2))
+    table = accuracy(robustness(), together, np.array([1.0, 0.0]))
+    batch = {row["measure"]: row for row in table.filter(demonstrations="batch").iter_rows(named=True)}
+    half = float(stdtrit(3, 0.975)) * np.std([0.6, 0.8, 0.3, 0.7], ddof=1) / 2
+    assert batch["true_posterior"]["low"] == pytest.approx(0.6 - half)
+    assert batch["true_posterior"]["high"] == pytest.approx(0.6 + half)
+    assert batch["map_angle_rad"]["low"] == 0.0, "no angle is below zero"
+    third = np.pi / 3
+    assert batch["map_angle_rad"]["high"] == pytest.approx(third / 4 + float(stdtrit(3, 0.975)) * third / 4)
+    assert table.filter(demonstrations="single")["low"].null_count() == len(ACCURACY)
+
+
+def test_a_pair_of_sets_reads_the_same_whatever_the_number_of_sets() -> None:
+    points = pl.DataFrame(
+        {"regime": ["independent"], "model": ["less"], "set_size": [10], "value": [24.0], "low": [12.0], "high": [None],
+         "mean": [36.0]}, schema_overrides={"high": pl.Float64}
+    )  # fmt: skip
+    found = per_pair(points, robustness(), POINT)
+    assert found.columns == points.columns
+    assert found.select("value", "low", "high", "mean").row(0) == (2.0, 1.0, None, 3.0)  # 4 sets have 12 ordered pairs
+
+
+def test_changed_answers_are_those_of_all_together() -> None:
+    sensitivity = robustness().with_columns(choice=pl.lit("beta"), setting=pl.lit("joint"), is_default=pl.lit(False))
+    table = changed_answers(sensitivity)
+    assert table.select("setting", "demonstrations", "value", "low", "high").rows() == [
+        ("joint", "batch", 0.25, None, None)
     ]
 
 

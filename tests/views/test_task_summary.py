@@ -63,7 +63,11 @@ def test_the_map_agrees_with_the_density_that_less_divides_by():
 
 def test_a_grid_covers_alternatives_and_demonstrations():
     grid = feature_grid(np.array([0.0, 1.0]), np.array([3.0]), 0.5, 11)
-    assert (grid[0], grid[-1], grid.size) == (-1.0, 4.0, 11)
+    assert (grid[0], grid[-1], grid.size) == (0.0, 4.0, 11), "no trajectory is below zero"
+    grid = feature_grid(np.array([-3.0, -0.1]), np.array([-1.0]), 0.5, 11)
+    assert (grid[0], grid[-1]) == (-4.0, 0.0)
+    grid = feature_grid(np.array([-0.01, 1.0]), np.array([3.0]), 0.5, 11)
+    assert (grid[0], grid[-1], grid.size) == (-1.01, 4.0, 11)
 
 
 def test_labels_of_the_grid_are_short_and_all_different():

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import numpy as np
 import polars as pl
 
-from pipeline.arrays import FloatArray
+from pipeline.arrays import FloatArray, IntArray
 from pipeline.choice import BandwidthWarning
 from pipeline.choice.kernel.bandwidth import METHODS
 from pipeline.studies.robustness.divergence import measures
@@ -60,7 +60,8 @@ def vary_choices(
 
     Returns:
         `regime`, `choice`, `setting`, `model`, `set_size`, `is_default`, `bandwidth` (median over the samplings, in
-        units of the setting's scale; null for Boltzmann) and the columns of `measures`.
+        units of the setting's scale; null for Boltzmann), the columns of `measures`, and `map_changed` (share of the
+        samplings in which the most probable theta is another one than as the study chose).
     """
     rescaled = {name: problem.rescaled(ratio) for name, ratio in ratios.items()}
     rows = []
@@ -71,11 +72,12 @@ def vary_choices(
             *_selectors(problem, samplings, likelihoods, result, bandwidth),
             *_betas(problem, samplings, likelihoods, result),
         ]
-        rows += _rows(problem, regime, size, settings)
-        rows += _rows(problem, regime, size, _unchanged(likelihoods, SCALE, scale, result, samplings))
+        usual = {model: _best(problem, theta_marginals(log_posteriors(one))) for model, one in likelihoods.items()}
+        rows += _rows(problem, regime, size, settings, usual)
+        rows += _rows(problem, regime, size, _unchanged(likelihoods, SCALE, scale, result, samplings), usual)
         for name, other in rescaled.items():
             other_samplings = dict(other.by_size(regime))[size]
-            rows += _rows(other, regime, size, _rescored(other, other_samplings, name, bandwidth))
+            rows += _rows(other, regime, size, _rescored(other, other_samplings, name, bandwidth), usual)
     return pl.concat(rows)
 
 
@@ -162,10 +164,19 @@ def _median(selected: Iterable[Bandwidths]) -> float:
     return float(np.median([value for bandwidths in selected for value in bandwidths.values()]))
 
 
-def _rows(problem: Problem, regime: str, size: int, settings: Iterable[Setting]) -> list[pl.DataFrame]:
+def _best(problem: Problem, posteriors: FloatArray) -> IntArray:
+    """(R, n + 1) the most probable theta, also of posteriors over theta and beta jointly."""
+    found: IntArray = posteriors.argmax(axis=2) // (posteriors.shape[2] // len(problem.thetas))
+    return found
+
+
+def _rows(
+    problem: Problem, regime: str, size: int, settings: Iterable[Setting], usual: Mapping[str, IntArray]
+) -> list[pl.DataFrame]:
     tables = []
     for choice, setting, model, is_default, posteriors, width in settings:
-        table = _measures(problem, posteriors, setting)
+        changed = (_best(problem, posteriors) != usual[model]).mean(axis=0)
+        table = _measures(problem, posteriors, setting).with_columns(pl.Series("map_changed", changed))
         labels = {
             "regime": regime, "choice": choice, "setting": setting, "model": model, "is_default": is_default,
         }  # fmt: skip

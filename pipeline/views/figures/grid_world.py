@@ -12,16 +12,18 @@ from matplotlib.lines import Line2D
 from pipeline.studies.grid_world.trials import THETAS
 from pipeline.views import palette
 from pipeline.views.figures.style import (
-    COLUMN_IN,
+    COLUMN,
     INK,
-    TEXT_IN,
+    TEXT,
     color,
     error_bars,
     in_style,
-    model_color,
+    lying_bars,
+    model_bars,
     new_figure,
     probability_axis,
     sequential_map,
+    small,
 )
 from pipeline.views.intervals import near_or_far, path_shifts
 from pipeline.vocabulary import BOLTZMANN, LESS, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH, model_name
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Place = Literal["outside upper left", "outside upper right"]
+BEST = {"Xi_L": model_name(LESS), "Xi_B": model_name(BOLTZMANN)}
+"""The model that leads most, by set."""
 SETS = {"Xi_L": ("$\\Xi_L$", "o"), "Xi_B": ("$\\Xi_B$", "D")}
 _PEOPLE = (LESS, BOLTZMANN, LESS_HIDDEN, LESS_HIDDEN_OWN_BANDWIDTH)
 _APART = 0.17  # largest distance between neighbouring paths, in cells
@@ -45,7 +49,7 @@ def true_posterior_figure(summary: pl.DataFrame) -> Figure:
     Args:
         summary: the table `grid_world_summary` with `low` and `high`, the 95 % interval of the mean.
     """
-    figure = new_figure(TEXT_IN, 3.5)
+    figure = new_figure(TEXT, 3.5)
     axes = figure.subplots(2, 2, sharex="col", sharey=True, width_ratios=[8.4, 1.0])
     models = summary["inference_model"].unique(maintain_order=True).to_list()
     wishes = ["\n".join(words) for words in near_or_far(THETAS)]
@@ -69,7 +73,7 @@ def overall_figure(summary: pl.DataFrame) -> Figure:
     Args:
         summary: the table `grid_world_summary` with `low` and `high`, the 95 % interval of the mean.
     """
-    figure = new_figure(COLUMN_IN, 2.3)
+    figure = new_figure(COLUMN, 2.3)
     ax = figure.subplots()
     models = summary["inference_model"].unique(maintain_order=True).to_list()
     overall = summary.filter(pl.col("theta_id").is_null())
@@ -96,13 +100,15 @@ def sets_figure(paths: pl.DataFrame, posteriors: pl.DataFrame, objects: Sequence
         objects: cells of the two objects.
         size: number of cells per side.
     """
-    figure = new_figure(TEXT_IN, 2.35)
+    figure = new_figure(TEXT, 2.35)
     grids_and_charts = figure.subplots(1, 4, width_ratios=[1.9, 1.9, 1, 1])
     for place, (name, (symbol, _)) in enumerate(SETS.items()):
         grid, chart = grids_and_charts[place], grids_and_charts[place + 2]
         of_set = paths.filter(set=name)
         _grid(grid, of_set, objects, size, color(palette.SETS[name]))
-        grid.set_title(f"{symbol}: chosen by {model_name(of_set['sampling_model'][0])}")
+        grid.set_title(
+            f"{symbol}: where {BEST[name]} infers best\n(people choose by {model_name(of_set['sampling_model'][0])})"
+        )
         _posterior_bars(chart, posteriors.filter(set=name), named=place == 0)
         chart.set_title(f"inferred from {symbol}")
     _robot_legend(figure, grids_and_charts[2], "outside upper right")
@@ -118,7 +124,7 @@ def density_figure(paths: pl.DataFrame, density_1d: pl.DataFrame, density_2d: pl
         density_1d: the table `grid_world_density_1d`.
         density_2d: the table `grid_world_density_2d`.
     """
-    figure = new_figure(TEXT_IN, 2.3)
+    figure = new_figure(TEXT, 2.3)
     axes = figure.subplots(1, 3, width_ratios=[1, 1, 1.15])
     top = float(density_1d.select(pl.max_horizontal(pl.col("raw", "adjusted").max())).item())
     for feature, ax in ((1, axes[0]), (2, axes[1])):
@@ -143,7 +149,7 @@ def _grouped_bars(ax: Axes, groups: Sequence[pl.DataFrame], models: Sequence[str
         rows = pl.concat([group.filter(inference_model=model) for group in groups])
         x = place + (offset - (len(models) - 1) / 2) * width
         mean = rows["true_posterior"].to_numpy()
-        ax.bar(x, mean, width, color=model_color(model, models), label=model_name(model))
+        model_bars(ax, x, mean, width, model, models, label=model_name(model))
         reach = np.stack([mean - rows["low"].to_numpy(), rows["high"].to_numpy() - mean])
         error_bars(ax, x, mean, yerr=reach)
     ax.set_xticks(place, list(names))
@@ -167,11 +173,11 @@ def _grid(
         ax.plot(x.to_numpy() + shift, y.to_numpy() - shift, color=rgb, linewidth=0.9, zorder=3, solid_joinstyle="round")
     box = {"boxstyle": "square,pad=0.25", "facecolor": "#4a4a4a", "edgecolor": "none"}
     for name, (x, y) in zip("AB", objects, strict=True):
-        ax.text(x, y, name, color="white", ha="center", va="center", fontsize=7, zorder=4, bbox=box)
+        ax.text(x, y, name, color="white", ha="center", va="center", fontsize=small(), zorder=4, bbox=box)
     ends = (("start", 0, -0.75, "left", "top"), ("goal", size - 1, size - 0.25, "right", "bottom"))
     for word, cell, y, across, up in ends:
         ax.plot(cell, cell, marker="s", markersize=4.5, color=INK, zorder=4)
-        ax.text(cell + (0.5 if across == "right" else -0.5), y, word, ha=across, va=up, fontsize=7)
+        ax.text(cell + (0.5 if across == "right" else -0.5), y, word, ha=across, va=up, fontsize=small())
     ax.set_aspect("equal")
     ax.set_xlim(-0.7, size - 0.3)
     ax.set_ylim(-1.4, size + 0.3)
@@ -186,17 +192,16 @@ def _posterior_bars(ax: Axes, rows: pl.DataFrame, *, named: bool) -> None:
     for offset, model in enumerate(models):
         values = rows.filter(inference_model=model)["posterior"]
         y = place + (offset - (len(models) - 1) / 2) * height
-        ax.barh(y, values, height, color=model_color(model, models), label=model_name(model))
+        lying_bars(ax, y, values.to_numpy(), height, model, models, label=model_name(model))
     thetas = first.select("theta_1", "theta_2").to_numpy()
     ax.set_yticks(place, [", ".join(words) if named else "" for words in near_or_far(thetas)])
     truth = int(first["is_true"].arg_max() or 0)
     ax.annotate(
-        "true", (1.0, truth), (2, 0), ha="left", va="center", fontsize=7, fontweight="bold",
-        xycoords=("axes fraction", "data"), textcoords="offset points",
+        "true", (1.03, truth), ha="left", va="center", fontsize=small(), fontweight="bold",
     )  # fmt: skip
     ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
-    ax.set_xlim(0, 1)
+    ax.set_xlim(0, 1.4)
     ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
     ax.set_xlabel("posterior of $\\theta$")
 

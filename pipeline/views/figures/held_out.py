@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pipeline.views.figures.style import COLUMN_IN, INK, error_bars, in_style, model_color, new_figure
+from pipeline.views.figures.style import COLUMN, INK, error_bars, in_style, model_color, new_figure
 from pipeline.vocabulary import model_name
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def held_out_figure(held_out: pl.DataFrame, comparison: pl.DataFrame, difference
     models = comparison["model"].to_list()
     paired = differences["model"].unique(maintain_order=True).to_list()
     panels = 2 if paired else 1
-    figure = new_figure(COLUMN_IN, 0.95 + 0.28 * len(models))
+    figure = new_figure(COLUMN, 0.95 + 0.28 * len(models))
     axes = figure.subplots(1, panels, squeeze=False, width_ratios=[1.0] * panels)[0]
     scores = {model: held_out.filter(model=model)["log_predictive"].to_numpy() for model in models}
     _dots(axes[0], models, scores, comparison, "mean", "standard_error")
@@ -39,7 +39,7 @@ def held_out_figure(held_out: pl.DataFrame, comparison: pl.DataFrame, difference
         axes[1].tick_params(axis="y", labelleft=False)
         axes[1].set_xlabel("lead over Boltzmann\nper demonstration (nat)")
     count = comparison["demonstrations"][0]
-    figure.suptitle(f"{count} held-out demonstrations; mean ± standard error", x=0.01, ha="left", fontsize=8)
+    figure.suptitle(f"{count} held-out demonstrations; mean ± standard error", x=0.01, ha="left")
     return figure
 
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from pipeline.views import palette
 from pipeline.views.figures.style import (
-    COLUMN_IN,
-    TEXT_IN,
+    COLUMN,
+    TEXT,
     color,
     error_bars,
     in_style,
-    model_color,
+    model_bars,
     new_figure,
     probability_axis,
 )
@@ -38,7 +38,7 @@ def choices_figure(predictions: pl.DataFrame) -> Figure:
     within = predictions.filter(comparison="within")
     several = within["group"].unique(maintain_order=True).to_list()
     panels = 1 + len(several)
-    figure = new_figure(COLUMN_IN if panels <= 2 else TEXT_IN, 2.05)
+    figure = new_figure(COLUMN if panels <= 2 else TEXT, 2.05)
     shown = [predictions.filter(comparison="groups"), *(within.filter(group=group) for group in several)]
     widths = [max(2, rows.n_unique("option" if place else "group")) for place, rows in enumerate(shown)]
     axes = figure.subplots(1, panels, sharey=True, squeeze=False, width_ratios=widths)[0]
@@ -65,7 +65,7 @@ def _bars(ax: Axes, rows: pl.DataFrame, label: str, title: str) -> None:
         error_bars(ax, start, share, yerr=reach)
     for offset, model in enumerate(models, 1):
         values = rows.filter(model=model)["predicted"]
-        ax.bar(start + offset * _BAR, values, _BAR, color=model_color(model, models), label=model_name(model))
+        model_bars(ax, start + offset * _BAR, values.to_numpy(), _BAR, model, models, label=model_name(model))
     ax.set_xticks(place, observed[label].to_list())
     ax.tick_params(axis="x", length=0)
     ax.set_title(f"{title}, n = {observed['count'].sum()}")

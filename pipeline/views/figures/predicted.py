@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pipeline.views.figures.style import INK, TEXT_IN, in_style, model_color, new_figure
+from pipeline.views.figures.style import INK, TEXT, in_style, model_color, model_look, new_figure
 from pipeline.vocabulary import INFERRED_MODELS, model_name
 
 if TYPE_CHECKING:
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from pipeline.arrays import FloatArray
     from pipeline.views.feature_axis import FeatureAxis
-
-_MARKERS = "osD^v"  # so that models differ in grey print too
 
 
 def _place(model: str) -> int:
@@ -35,7 +33,7 @@ def predicted_figure(predictions: pl.DataFrame, features: Sequence[FeatureAxis],
         demonstrations: (n, F) raw values.
     """
     models = sorted(predictions["model"].unique(maintain_order=True), key=_place)
-    figure = new_figure(TEXT_IN, 0.8 + 0.22 * len(models))
+    figure = new_figure(TEXT, 0.8 + 0.22 * len(models))
     panels = figure.subplots(1, len(features), squeeze=False)[0]
     for column, (axes, feature) in enumerate(zip(panels, features, strict=True)):
         for row, model in enumerate(models):
@@ -44,7 +42,7 @@ def predicted_figure(predictions: pl.DataFrame, features: Sequence[FeatureAxis],
             colour = model_color(model, models)
             axes.plot([low, high], [row, row], color=colour, linewidth=2.2, solid_capstyle="butt")
             axes.plot(
-                median, row, _MARKERS[row % len(_MARKERS)], color=colour, markersize=5, markeredgecolor=INK,
+                median, row, model_look(model, models).marker, color=colour, markersize=5, markeredgecolor=INK,
                 markeredgewidth=0.5,
             )  # fmt: skip
         values = feature.shown(demonstrations[:, column])

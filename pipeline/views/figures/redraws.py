@@ -10,7 +10,7 @@ import polars as pl
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from pipeline.views import palette
-from pipeline.views.figures.style import INK, TEXT_IN, Figure, color, error_bars, in_style, model_color, new_figure
+from pipeline.views.figures.style import INK, TEXT, Figure, color, error_bars, in_style, model_color, new_figure
 from pipeline.vocabulary import LESS, model_name
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def standing_figure(points: pl.DataFrame) -> Figure:
             of KLAggregate at the smallest size and the `lead` in held-out score at the largest, each with `_low` and
             `_high`.
     """
-    figure = new_figure(TEXT_IN, 3.3)
+    figure = new_figure(TEXT, 3.3)
     left, right = figure.subplots(1, 2)
     tasks, samplers = (points[name].unique(maintain_order=True).to_list() for name in ("task", "sampler"))
     shades = dict(zip(tasks, _shades(len(tasks)), strict=True))
@@ -86,7 +86,7 @@ def _by_sampler(leads: pl.DataFrame, label: str, level: float, *, log: bool) -> 
     models = leads["model"].unique(maintain_order=True).to_list()
     columns = min(COLUMNS, len(samplers))
     rows = -(-len(samplers) // columns)
-    figure = new_figure(TEXT_IN, 0.5 + 1.55 * rows)
+    figure = new_figure(TEXT, 0.5 + 1.55 * rows)
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for ax, sampler in zip(axes.flat, samplers, strict=False):
         _lines(ax, leads.filter(sampler=sampler), models)

@@ -7,27 +7,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import polars as pl
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
 from pipeline.views import palette
 from pipeline.views.figures.style import (
-    TEXT_IN,
-    TITLE_POINTS,
+    TEXT,
     color,
     in_style,
     model_color,
+    model_look,
     new_figure,
-    probability_axis,
 )
+from pipeline.views.hypothesis_rows import rows_that_matter
 from pipeline.vocabulary import (
-    BOLTZMANN,
+    BATCH,
     BOLTZMANN_WEIGHTED,
     INDEPENDENT,
     KINDS,
     KNOWN_DENSITY,
-    LESS,
-    LESS_CLEAN_BANDWIDTH,
     REGIMES,
     SAMPLER_SHIFT,
     SINGLE,
@@ -38,11 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PATTERNS = {BOLTZMANN_WEIGHTED: (0, (2, 1.2)), LESS_CLEAN_BANDWIDTH: (0, (2, 1.2))}
-BASE = {BOLTZMANN_WEIGHTED: BOLTZMANN, LESS_CLEAN_BANDWIDTH: LESS}
-"""A variant of a model has its colour and another line pattern."""
 CHOICES = {"bandwidth": "bandwidth × {}", "selector": "selector {}", "scale": "scale {}", "beta": "beta {}"}
-_KL, _SIZE, _ANGLE = "KLAggregate (nat)", "alternatives per set", "angle to the truth (deg)"
+_KL, _SIZE, _ANGLE = "KLAggregate\nper pair (nat)", "alternatives per set", "angle to the truth (deg)"
 _FAR = 1e6  # an interval is cut at this many times its value
 _DECADES = 5  # a panel shows this many decades of KLAggregate below its largest value
 
@@ -51,21 +47,25 @@ _DECADES = 5  # a panel shows this many decades of KLAggregate below its largest
 def kl_figure(summary: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMPLER_SHIFT)) -> Figure:
     """KLAggregate against set size with 95 % intervals, a column per regime; above single demonstrations, below all.
 
+    An arrow marks an interval that goes on beyond the panel, here and in the figures below.
+
     Args:
-        summary: the table `robustness_summary` of one task.
+        summary: the table `robustness_summary` of one task, per pair of sets.
         regimes: the regimes to show.
     """
-    figure = new_figure(TEXT_IN, 3.8)
-    axes = figure.subplots(len(KINDS), len(regimes), squeeze=False, sharex=True, sharey="row")
+    figure = new_figure(TEXT, 3.8)
+    axes = figure.subplots(len(KINDS), len(regimes), squeeze=False, sharex=True, sharey=True)
     for row, kind in zip(axes, KINDS, strict=True):
         for ax, regime in zip(row, regimes, strict=True):
             _curves(ax, summary.filter(demonstrations=kind, regime=regime), "set_size")
             ax.set_title(f"{KINDS[kind]}, {REGIMES[regime]}")
-        _log_limits(row[0], summary.filter(pl.col("regime").is_in(list(regimes)), demonstrations=kind))
         row[0].set_ylabel(_KL)
+    _log_limits(axes[0, 0], summary.filter(pl.col("regime").is_in(list(regimes))))
     for ax in axes[-1]:
         ax.set_xlabel(_SIZE)
     _ticks(axes[0, 0], summary["set_size"])
+    for ax in axes.flat:
+        _arrows(ax)
     _legend(figure, axes[0, 0])
     return figure
 
@@ -75,19 +75,20 @@ def importance_figure(summary: pl.DataFrame, accuracy: pl.DataFrame, sets: pl.Da
     """The effect of importance weights for samplers with known density, and the effective sample size of the weights.
 
     Args:
-        summary: the table `robustness_summary` of one task.
+        summary: the table `robustness_summary` of one task, per pair of sets.
         accuracy: the result of `pipeline.views.robustness.accuracy`; without rows there is no panel of angles.
         sets: the table `robustness_sets`.
     """
-    figure = new_figure(TEXT_IN, 2.3)
+    figure = new_figure(TEXT, 2.3)
     axes = figure.subplots(1, 4 if accuracy.height else 3, sharex=True)
     with_density = summary.filter(regime=KNOWN_DENSITY)
     for ax, kind in zip(axes, KINDS, strict=False):
-        rows = with_density.filter(demonstrations=kind)
-        _curves(ax, rows, "set_size")
-        _log_limits(ax, rows)
+        _curves(ax, with_density.filter(demonstrations=kind), "set_size")
         ax.set_title(KINDS[kind])
-        ax.set_ylabel(_KL)
+    axes[1].sharey(axes[0])
+    axes[1].tick_params(labelleft=False)
+    _log_limits(axes[0], with_density)
+    axes[0].set_ylabel(_KL)
     if accuracy.height:
         _angles(axes[2], accuracy.filter(regime=KNOWN_DENSITY, demonstrations=SINGLE))
         axes[2].set_title("single demonstrations")
@@ -96,8 +97,9 @@ def importance_figure(summary: pl.DataFrame, accuracy: pl.DataFrame, sets: pl.Da
     _effective_sizes(axes[-1], sets.filter(pl.col("effective_sample_size").is_not_null()))
     for ax in axes:
         ax.set_xlabel(_SIZE)
-        ax.tick_params(axis="x", rotation=90)
     _ticks(axes[0], with_density["set_size"])
+    for ax in axes[:2]:
+        _arrows(ax)
     _legend(figure, *axes[[0, *range(2, len(axes))]])
     return figure
 
@@ -111,20 +113,15 @@ def accuracy_figure(accuracy: pl.DataFrame, hypotheses: int) -> Figure:
         hypotheses: number of thetas, which gives the level of chance.
     """
     panels = [(kind, regime) for kind in KINDS for regime in (INDEPENDENT, SAMPLER_SHIFT)]
-    figure = new_figure(TEXT_IN, 3.6)
-    axes = figure.subplots(2, len(panels), sharex=True)
+    figure = new_figure(TEXT, 3.6)
+    axes = figure.subplots(2, len(panels), sharex=True, sharey="row")
     for column, (kind, regime) in enumerate(panels):
         rows = accuracy.filter(demonstrations=kind, regime=regime)
         above, below = axes[:, column]
-        if regime != panels[0][1]:
-            for ax, left in zip((above, below), axes[:, column - 1], strict=True):
-                ax.sharey(left)
-                ax.tick_params(labelleft=False)
         _angles(above, rows)
         _curves(below, rows.filter(measure="true_posterior"), "set_size", log=False)
         below.axhline(1 / hypotheses, color=color(palette.GREY), linewidth=0.8, linestyle=":", label="chance", zorder=1)
         below.set_xlabel(_SIZE)
-        below.tick_params(axis="x", rotation=90)
         above.set_title(f"{KINDS[kind]},\n{REGIMES[regime]}")
     for ax in axes.flat:
         ax.set_ylim(0.0, None)
@@ -141,6 +138,8 @@ def two_posteriors_figure(
 ) -> Figure:
     """The posterior over theta of one demonstration from two sets, a row per model, a column per regime.
 
+    The hypotheses that matter have a row each, the most probable first.
+
     Args:
         posteriors: rows of the table `robustness_posteriors` for one demonstration and set size.
         set_ids: for each regime, the names of the two sets.
@@ -148,25 +147,35 @@ def two_posteriors_figure(
         meaning: what the numbers in the labels mean.
     """
     models = posteriors.filter(regime=next(iter(set_ids)))["model"].unique(maintain_order=True).to_list()
-    figure = new_figure(TEXT_IN, 2.0 + 1.1 * len(models))
+    shown = {
+        (regime, model, set_id): posteriors.filter(regime=regime, model=model, set_id=set_id)
+        .sort("theta_id")["posterior"]
+        .to_numpy()
+        for regime, pair in set_ids.items()
+        for model in models
+        for set_id in pair
+    }
+    rows = rows_that_matter({str(key): values for key, values in shown.items()})
+    figure = new_figure(TEXT, 0.75 + (0.5 + 0.2 * len(rows.order)) * len(models))
     axes = figure.subplots(len(models), len(set_ids), squeeze=False, sharex=True, sharey=True)
+    y = np.arange(len(rows.order))
     for column, (regime, pair) in enumerate(set_ids.items()):
         for ax, model in zip(axes[:, column], models, strict=True):
-            rows = posteriors.filter(regime=regime, model=model)
-            for place, set_id in enumerate(pair):
-                values = rows.filter(set_id=set_id).sort("theta_id")["posterior"].to_numpy()
-                x = np.arange(len(values)) + 0.4 * place - 0.2
-                ax.bar(x, values, 0.4, color=model_color(model, models), alpha=(1.0, 0.4)[place], linewidth=0)
-        axes[0, column].set_title(f"{REGIMES[regime]}\ndark: set {pair[0]}, pale: set {pair[1]}")
-        axes[-1, column].set_xticks(range(len(labels)), list(labels), rotation=90)
-        axes[-1, column].tick_params(axis="x", length=0)
-        axes[-1, column].set_xlabel(meaning)
-    for row, model in zip(axes, models, strict=True):
-        for ax in row:
-            probability_axis(ax, f"{model_name(model)}\nposterior" if ax is row[0] else "", None)
+            shade = model_color(model, models)
+            for place, (set_id, face) in enumerate(zip(pair, (shade, "white"), strict=True)):
+                values = rows.own(shown[regime, model, set_id])
+                ax.barh(y + 0.4 * place - 0.2, values, 0.4, facecolor=face, edgecolor=shade, linewidth=0.7)
+            ax.set_title(f"{model_name(model)}, {REGIMES[regime]}\nfull: set {pair[0]},\nempty: set {pair[1]}")
+            ax.grid(axis="x")
+            ax.tick_params(axis="y", length=0)
+        axes[-1, column].set_xlabel(f"posterior{rows.unshown}")
+    axes[0, 0].set_yticks(y, rows.names(labels)[: len(y)])
+    axes[0, 0].set_ylim(len(y) - 0.5, -0.5)
+    for ax in axes[:, 0]:
+        ax.set_ylabel(meaning)
     demonstration, size = posteriors.select("demonstration_id", "set_size").row(0)
     about = f"demonstration {demonstration}, sets of {size:,} alternatives"
-    figure.suptitle(about, x=0.01, ha="left", fontsize=TITLE_POINTS)
+    figure.suptitle(about, x=0.01, ha="left")
     return figure
 
 
@@ -178,51 +187,60 @@ def duplicates_figure(summary: pl.DataFrame) -> Figure:
         summary: the table `duplicates_summary` of one task.
     """
     spreads = sorted(summary["spread"].unique())
-    figure = new_figure(TEXT_IN, 3.6)
-    axes = figure.subplots(len(KINDS), len(spreads), squeeze=False, sharex=True, sharey="row")
+    figure = new_figure(TEXT, 3.6)
+    axes = figure.subplots(len(KINDS), len(spreads), squeeze=False, sharex=True, sharey=True)
+    _log_limits(axes[0, 0], summary)
     for row, kind in zip(axes, KINDS, strict=True):
         rows = summary.filter(demonstrations=kind)
         for ax, spread in zip(row, spreads, strict=True):
             _curves(ax, rows.filter(pl.col("spread") == spread), "copies")
-        _log_limits(row[0], rows)
         row[0].set_ylabel(f"KL from clean (nat)\n{KINDS[kind]}")
     for ax, spread in zip(axes[0], spreads, strict=True):
         ax.set_title(f"spread {spread:g}" if spread else "exact copies")
     for ax in axes[-1]:
         ax.set_xlabel("copies of each")
     _ticks(axes[0, 0], summary["copies"])
-    _legend(figure, axes[0, 0])
+    for ax in axes.flat:
+        _arrows(ax)
+    about = "Spread: standard deviation of a copy's features around its original's, in scaled features"
+    _legend(figure, axes[0, 0], about=about)
     return figure
 
 
 @in_style
 def sensitivity_figure(
-    summary: pl.DataFrame, entropies: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMPLER_SHIFT)
+    summary: pl.DataFrame, changed: pl.DataFrame, regimes: Sequence[str] = (INDEPENDENT, SAMPLER_SHIFT)
 ) -> Figure:
-    """KLAggregate and entropy of single demonstrations under every setting. Settings of the study have a filled mark.
+    """KLAggregate of single demonstrations under every setting, and how often the answer of all together is another.
 
-    A KLAggregate more than five decades below the largest is drawn as an arrow at the edge.
+    Settings of the study have a filled mark. A KLAggregate more than five decades below the largest is drawn as an
+    arrow at the edge.
 
     Args:
-        summary: rows of the table `sensitivity_summary` for one task and set size.
-        entropies: the same for the posteriors' entropy; settings that are missing in it have no mark.
+        summary: rows of the table `sensitivity_summary` for one task and set size, per pair of sets.
+        changed: the result of `pipeline.views.robustness.changed_answers` for the same size.
         regimes: the regimes to show.
     """
     settings = summary.select("choice", "setting").unique(maintain_order=True).rows()
     models = summary["model"].unique(maintain_order=True).to_list()
-    figure = new_figure(TEXT_IN, 1.0 + 0.16 * len(settings))
+    figure = new_figure(TEXT, 1.0 + 0.16 * len(settings))
     axes = figure.subplots(1, 2 * len(regimes), sharey=True)
+    shown = summary.filter(pl.col("regime").is_in(list(regimes)), demonstrations=SINGLE)
     for place, regime in enumerate(regimes):
-        for ax, table in ((axes[place], summary), (axes[place + len(regimes)], entropies)):
-            rows = table.filter(demonstrations=SINGLE, regime=regime)
+        for ax, table in ((axes[place], summary), (axes[place + len(regimes)], changed)):
+            rows = table.filter(demonstrations=SINGLE if table is summary else BATCH, regime=regime)
             if table is summary:
                 ax.set_xscale("log")
-                largest = rows.select(pl.max_horizontal(pl.col("value", "high").max())).item()
+                largest = shown.select(pl.max_horizontal(pl.col("value", "high").max())).item()
                 if largest > 0:
                     ax.set_xlim(2 * largest / 10**_DECADES, 2 * largest)
+            else:
+                ax.set_xlim(-0.04, 1.04)
+                ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
             _settings(ax, rows, settings, models)
-            ax.set_xlabel(_KL if table is summary else "entropy (nat)")
-            ax.set_title(REGIMES[regime])
+            ax.set_xlabel(_KL if table is summary else "share of sets whose\nanswer is another")
+            kind = SINGLE if table is summary else BATCH
+            ax.set_title(f"{KINDS[kind]},\n{REGIMES[regime]}")
     axes[0].set_yticks(range(len(settings)), [CHOICES.get(c, c + " {}").format(s) for c, s in settings])
     axes[0].set_ylim(len(settings) - 0.5, -0.5)
     for ax in axes:
@@ -231,19 +249,21 @@ def sensitivity_figure(
         for line in range(1, len(settings)):
             if settings[line][0] != settings[line - 1][0]:
                 ax.axhline(line - 0.5, color=color(palette.GREY), linewidth=0.5)
-    marks = [(model_name(model), model_color(model, models), model_color(model, models)) for model in models]
+    marks = [
+        (model_name(model), model_color(model, models), model_color(model, models), model_look(model, models).marker)
+        for model in models
+    ]
     marks += [
-        ("as in the study", color(palette.GREY), color(palette.GREY)),
-        ("one setting changed", color(palette.GREY), color(palette.WHITE)),
+        ("as in the study", color(palette.GREY), color(palette.GREY), "o"),
+        ("changed", color(palette.GREY), color(palette.WHITE), "o"),
     ]
     handles = [
-        Line2D([], [], marker="o", linestyle="none", markersize=3.2, color=edge, markerfacecolor=face, label=label)
-        for label, edge, face in marks
+        Line2D([], [], marker=mark, linestyle="none", markersize=3.2, color=edge, markerfacecolor=face, label=label)
+        for label, edge, face, mark in marks
     ]
-    about = f"single demonstrations, sets of {summary['set_size'][0]:,} alternatives"
+    about = f"one setting changed at a time, sets of {summary['set_size'][0]:,} alternatives"
     figure.legend(
         handles=handles, loc="outside upper left", ncols=len(handles), title=about, alignment="left",
-        title_fontsize=TITLE_POINTS,
     )  # fmt: skip
     return figure
 
@@ -251,7 +271,7 @@ def sensitivity_figure(
 def _settings(ax: Axes, rows: pl.DataFrame, settings: Sequence[tuple[str, str]], models: Sequence[str]) -> None:
     """A mark with its interval for each setting and model."""
     for offset, model in enumerate(models):
-        shade = model_color(model, models)
+        shade, look = model_color(model, models), model_look(model, models)
         for line, (choice, setting) in enumerate(settings):
             points = rows.filter(model=model, choice=choice, setting=setting)
             for point in points.iter_rows(named=True):
@@ -262,7 +282,7 @@ def _settings(ax: Axes, rows: pl.DataFrame, settings: Sequence[tuple[str, str]],
                 low = ax.get_xlim()[0] if ax.get_xscale() == "log" else point["value"]
                 beyond = point["value"] < low
                 ax.plot(
-                    max(point["value"], low), y, "<" if beyond else "o", color=shade, markerfacecolor=face,
+                    max(point["value"], low), y, "<" if beyond else look.marker, color=shade, markerfacecolor=face,
                     markersize=3.2, markeredgewidth=0.8, clip_on=not beyond,
                 )  # fmt: skip
 
@@ -276,15 +296,9 @@ def _curves(ax: Axes, points: pl.DataFrame, x: str, *, log: bool = True) -> None
             rows = rows.filter(pl.col("value") > 0)
         # models are shifted sideways, so that intervals do not hide each other
         shifted = rows[x].to_numpy() * 1.06 ** (place - (len(models) - 1) / 2)
-        shade = model_color(BASE.get(model, model), (BOLTZMANN, LESS))
+        shade, look = model_color(model, models), model_look(model, models)
         ax.plot(
-            shifted,
-            rows["value"],
-            "o",
-            markersize=3,
-            color=shade,
-            linestyle=PATTERNS.get(model, "-"),
-            label=model_name(model),
+            shifted, rows["value"], look.marker, markersize=3, color=shade, linestyle=look.line, label=model_name(model)
         )
         with_interval = rows["low"].is_not_null().to_numpy()
         value, low, high = (rows[name].to_numpy()[with_interval] for name in ("value", "low", "high"))
@@ -311,8 +325,11 @@ def _effective_sizes(ax: Axes, sets: pl.DataFrame) -> None:
         sets["set_size"], sets["effective_sample_size"], "o", color=grey, markersize=2.4, markeredgewidth=0,
         label="one sampler's set",
     )  # fmt: skip
-    shade = model_color(BOLTZMANN, (BOLTZMANN,))
-    ax.plot(middle["set_size"], middle["effective_sample_size"], color=shade, linestyle=PATTERNS[BOLTZMANN_WEIGHTED])
+    weighted = (BOLTZMANN_WEIGHTED,)
+    ax.plot(
+        middle["set_size"], middle["effective_sample_size"], color=model_color(BOLTZMANN_WEIGHTED, weighted),
+        linestyle=model_look(BOLTZMANN_WEIGHTED, weighted).line,
+    )  # fmt: skip
     ax.plot(
         middle["set_size"], middle["set_size"], color=grey, linewidth=0.8, linestyle=":", label="if all weighed alike"
     )
@@ -321,6 +338,19 @@ def _effective_sizes(ax: Axes, sets: pl.DataFrame) -> None:
     ax.set_ylabel("effective sample size")
     ax.set_title("the weights")
     ax.grid(axis="y")
+
+
+def _arrows(ax: Axes) -> None:
+    """An arrow at the edge for each interval that goes on beyond it; call it when the limits are set."""
+    bottom, top = ax.get_ylim()
+    for bars in list(ax.collections):
+        if not isinstance(bars, LineCollection):
+            continue
+        shade: Any = bars.get_color()[0]
+        for segment in bars.get_segments():
+            for end, beyond, mark in ((segment[0], bottom, "v"), (segment[-1], top, "^")):
+                if len(segment) and (end[1] < beyond if mark == "v" else end[1] > beyond):
+                    ax.plot(end[0], beyond, mark, color=shade, markersize=3, markeredgewidth=0, clip_on=False)
 
 
 def _log_limits(ax: Axes, points: pl.DataFrame) -> None:
@@ -341,7 +371,10 @@ def _ticks(ax: Axes, values: pl.Series) -> None:
     ax.xaxis.set_minor_locator(NullLocator())
 
 
-def _legend(figure: Figure, *axes: Axes) -> None:
-    """One legend for everything that is shown in these axes."""
+def _legend(figure: Figure, *axes: Axes, about: str | None = None) -> None:
+    """One legend for everything that is shown in these axes, under a line about it."""
     entries = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(entries.values()), list(entries), loc="outside upper left", ncols=len(entries))
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside upper left", ncols=len(entries), title=about,
+        alignment="left",
+    )  # fmt: skip

@@ -1,12 +1,16 @@
 """The style of figures for print, and writing them so that equal data give equal bytes.
 
 Everything is drawn with matplotlib's objects, without pyplot and its global state. Sizes are those of a two-column
-paper, in which no text is smaller than 7 points. Text in the SVG is drawn as outlines, so that no reader needs the
-font.
+paper, in which no text is smaller than 7 points; `figures` in params.yaml can say otherwise, see `printed`. Text is
+text in SVG and PDF, so that it can be searched, edited and read aloud. Colours never carry a meaning alone: models
+differ in hatching and marks too, so that a grey print says the same.
 """
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
@@ -18,31 +22,30 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure  # every other module takes it from here
 
 from pipeline.formats.files.atomic import written_whole
+from pipeline.params import FigureSettings
 from pipeline.views import palette
+from pipeline.vocabulary import ATTRIBUTE_RULE, BOLTZMANN, BOLTZMANN_WEIGHTED, LESS, LESS_CLEAN_BANDWIDTH, PATH_SIZE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from contextlib import AbstractContextManager
 
     from matplotlib.axes import Axes
+    from matplotlib.container import BarContainer
     from numpy.typing import ArrayLike
 
 P = ParamSpec("P")
 
-COLUMN_IN, TEXT_IN = 3.33, 7.0  # width of a column and of the page's text, in inches
+COLUMN, TEXT = "column_in", "text_in"
+"""The two widths of figures: of a column, and of the page's text."""
 DPI = 300
-TITLE_POINTS = 8
+_TITLE, _SMALL = 8 / 7.5, 7 / 7.5  # sizes of titles and of what is least, by the size of text
 _DIGITS = 5  # decimals of positions, in units of the figure's size
 INK = "#222222"
 STYLE: dict[str, object] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same everywhere
+    "font.family": "sans-serif",  # what a reader of the SVG takes that has no DejaVu Sans
+    "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib, so it is the same everywhere
     "mathtext.fontset": "dejavusans",
-    "font.size": 7.5,
-    "axes.titlesize": TITLE_POINTS,
-    "axes.labelsize": 7.5,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
     "axes.titlelocation": "left",
     "axes.titlepad": 5,
     "axes.spines.top": False,
@@ -70,14 +73,66 @@ STYLE: dict[str, object] = {
     "figure.constrained_layout.w_pad": 0.02,
     "figure.constrained_layout.h_pad": 0.02,
     "figure.constrained_layout.wspace": 0.04,
-    "svg.fonttype": "path",
+    "hatch.linewidth": 0.7,
+    "svg.fonttype": "none",
     "svg.hashsalt": "lessbench",
+    "pdf.fonttype": 42,
 }
+_USUAL = FigureSettings()
+_SETTINGS: ContextVar[FigureSettings] = ContextVar("figures", default=_USUAL)
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a model looks beside its colour.
+
+    Attributes:
+        hatch: of its bars.
+        marker: of its points.
+        line: pattern of its lines.
+    """
+
+    hatch: str
+    marker: str
+    line: Any = "-"
+
+
+_DASHES = (0, (2, 1.2))
+_LOOKS = {
+    BOLTZMANN: Look("", "o"),
+    LESS: Look("//////", "s"),
+    ATTRIBUTE_RULE: Look("......", "^"),
+    PATH_SIZE: Look("xxxxxx", "D"),
+    BOLTZMANN_WEIGHTED: Look("------", "v", _DASHES),
+    LESS_CLEAN_BANDWIDTH: Look("||||||", "P", _DASHES),
+}
+_OTHER_LOOKS = (Look("\\\\" * 3, "X"), Look("++++++", "*"))
+
+
+@contextmanager
+def printed(settings: FigureSettings) -> Iterator[None]:
+    """A context in which figures are drawn and written in these sizes and formats."""
+    token = _SETTINGS.set(settings)
+    try:
+        yield
+    finally:
+        _SETTINGS.reset(token)
 
 
 def styled() -> AbstractContextManager[None]:
     """A context in which matplotlib uses `STYLE`; saving needs it too, as ticks are made when a figure is drawn."""
-    return style.context(["default", STYLE])
+    text = _SETTINGS.get().font_pt
+    sizes = {
+        "font.size": text, "axes.labelsize": text, "axes.titlesize": text * _TITLE, "figure.titlesize": text * _TITLE,
+        "xtick.labelsize": text * _SMALL, "ytick.labelsize": text * _SMALL, "legend.fontsize": text * _SMALL,
+        "legend.title_fontsize": text * _TITLE,
+    }  # fmt: skip
+    return style.context(["default", STYLE | sizes])
+
+
+def small() -> float:
+    """The size of the least text, in points."""
+    return _SETTINGS.get().font_pt * _SMALL
 
 
 def in_style(draw: Callable[P, Figure]) -> Callable[P, Figure]:
@@ -111,24 +166,43 @@ def _settle(figure: Figure) -> None:
         axes.set_position((left, bottom, width, height), which="original")
 
 
-def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure of this size; call it inside a function decorated by `in_style`."""
-    figure = Figure(figsize=(width_in, height_in))
+def new_figure(width: str, height_in: float) -> Figure:
+    """An empty figure; call it inside a function decorated by `in_style`.
+
+    Args:
+        width: COLUMN or TEXT.
+        height_in: inches, with text of the usual size; larger text makes it higher.
+    """
+    settings = _SETTINGS.get()
+    figure = Figure(figsize=(getattr(settings, width), height_in * settings.font_pt / _USUAL.font_pt))
     FigureCanvasAgg(figure)
     return figure
 
 
-def write_figure(folder: Path, name: str, figure: Figure) -> None:
-    """Write `name`.svg and `name`.png (300 dpi), each whole or not at all.
+def write_figure(folder: Path, name: str, figure: Figure, caption: str = "") -> None:
+    """Write `name`.svg, which the report and DVC show, and the formats of the settings, each whole or not at all.
 
     With the same matplotlib, equal figures give equal bytes: no date and no program name are written, and identifiers
     are fixed.
+
+    Args:
+        folder: where to.
+        name: of the files.
+        figure: what is written; a PNG has 300 dpi.
+        caption: goes into `name`.txt if it is not empty.
     """
+    nameless: dict[str, dict[str, None]] = {
+        "svg": {"Date": None, "Creator": None},
+        "png": {"Software": None},
+        "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    }
     with styled():
-        with written_whole(folder / f"{name}.svg") as stream:
-            figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-        with written_whole(folder / f"{name}.png") as stream:
-            figure.savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+        for kind in ("svg", *_SETTINGS.get().formats):
+            with written_whole(folder / f"{name}.{kind}") as stream:
+                figure.savefig(stream, format=kind, dpi=DPI if kind == "png" else "figure", metadata=nameless[kind])
+    if caption:
+        with written_whole(folder / f"{name}.txt") as stream:
+            stream.write(f"{caption}\n".encode())
 
 
 def color(rgb: palette.RGB) -> tuple[float, float, float]:
@@ -140,6 +214,42 @@ def color(rgb: palette.RGB) -> tuple[float, float, float]:
 def model_color(name: str, names: Sequence[str]) -> tuple[float, float, float]:
     """The colour of a model among those shown; it has the same hue as in the viewer."""
     return color(palette.model_color(name, tuple(names)))
+
+
+def model_look(name: str, names: Sequence[str]) -> Look:
+    """How a model looks among those shown, in grey print too; models without a look take the spare ones in order."""
+    if name in _LOOKS:
+        return _LOOKS[name]
+    others = [other for other in names if other not in _LOOKS]
+    return _OTHER_LOOKS[others.index(name) % len(_OTHER_LOOKS)]
+
+
+def model_bars(
+    axes: Axes, places: ArrayLike, values: ArrayLike, width: float, model: str, models: Sequence[str], **settings: Any
+) -> BarContainer:
+    """Upright bars of a model in its colour and hatching; see `lying_bars`."""
+    return axes.bar(places, values, width, **_filled(model, models), **settings)
+
+
+def lying_bars(
+    axes: Axes, places: ArrayLike, values: ArrayLike, width: float, model: str, models: Sequence[str], **settings: Any
+) -> BarContainer:
+    """Lying bars of a model in its colour and hatching.
+
+    Args:
+        axes: where they are drawn.
+        places, values: (n,) where bars stand, and how long they are.
+        width: of each.
+        model: whose they are.
+        models: those shown together.
+        settings: further ones of matplotlib, such as `label`.
+    """
+    return axes.barh(places, values, width, **_filled(model, models), **settings)
+
+
+def _filled(model: str, models: Sequence[str]) -> dict[str, Any]:
+    hatch = model_look(model, models).hatch
+    return {"facecolor": model_color(model, models), "edgecolor": "white", "hatch": hatch, "linewidth": 0}
 
 
 def error_bars(axes: Axes, x: ArrayLike, y: ArrayLike, *, xerr: Any = None, yerr: Any = None) -> None:

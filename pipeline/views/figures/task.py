@@ -10,14 +10,15 @@ from matplotlib.colors import PowerNorm
 from pipeline.views import palette
 from pipeline.views.feature_axis import with_unit
 from pipeline.views.figures.style import (
-    COLUMN_IN,
+    COLUMN,
     INK,
-    TEXT_IN,
+    TEXT,
     color,
     in_style,
+    lying_bars,
     model_color,
+    model_look,
     new_figure,
-    probability_axis,
     sequential_map,
 )
 from pipeline.views.hypothesis_rows import rows_that_matter
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 _COLORS = (
     palette.BLUE, palette.ORANGE, palette.GREEN, palette.SKY, palette.VERMILLION, palette.YELLOW, palette.GREY,
 )  # fmt: skip
-_MARKERS = ("o", "^")
+_MARKERS = "o^sDvP*X<>"  # so that samplers differ in grey print too
 
 
 @in_style
@@ -42,7 +43,7 @@ def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
     """The density of the alternatives along each feature, with equal and with LESS weights, and the demonstrations."""
     across = min(3, len(curves))
     down = -(-len(curves) // across)
-    figure = new_figure(TEXT_IN if across > 1 else COLUMN_IN, 0.35 + 1.7 * down)
+    figure = new_figure(TEXT if across > 1 else COLUMN, 0.35 + 1.7 * down)
     axes = figure.subplots(down, across, squeeze=False).ravel()
     for ax, curve in zip(axes, curves, strict=False):
         top = float(max(curve.raw.max(), curve.adjusted.max()))
@@ -55,13 +56,14 @@ def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
             label="demonstrations",
         )  # fmt: skip
         ax.axhline(0, color=INK, linewidth=0.6)
+        ax.set_xlim(float(curve.grid[0]), float(curve.grid[-1]))
         ax.set_ylim(-0.12 * top, 1.05 * top)
         ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= 1.05 * top])
         ax.set_xlabel(with_unit(curve.feature, curve.unit, curve.over_time))
     for ax in axes[len(curves) :]:
         ax.set_axis_off()
     for ax in axes[::across]:
-        ax.set_ylabel("density")
+        ax.set_ylabel("density (per unit\nof the axis)")
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=len(labels))
     return figure
@@ -69,25 +71,33 @@ def densities_figure(curves: Sequence[DensityCurve]) -> Figure:
 
 @in_style
 def map_figure(density: DensityMap) -> Figure:
-    """The density of the alternatives over two features, with the demonstrations."""
-    figure = new_figure(COLUMN_IN, 2.4)
-    ax = figure.subplots()
+    """The density of the alternatives over two features, alike and weighted by LESS, with the demonstrations."""
+    shown = [("every alternative alike", density.density)]
+    if density.adjusted is not None:
+        shown.append(("weighted by LESS", density.adjusted))
+    figure = new_figure(TEXT if len(shown) > 1 else COLUMN, 2.5)
+    axes = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
     half_x, half_y = (density.x[1] - density.x[0]) / 2, (density.y[1] - density.y[0]) / 2
     extent = (density.x[0] - half_x, density.x[-1] + half_x, density.y[0] - half_y, density.y[-1] + half_y)
-    image = ax.imshow(
-        density.density, origin="lower", extent=extent, aspect="auto", interpolation="nearest", cmap=sequential_map(),
-        norm=PowerNorm(0.5, 0.0, float(density.density.max())),
-    )  # fmt: skip
+    norm = PowerNorm(0.5, 0.0, float(max(values.max() for _, values in shown)))
     points = density.demonstrations
-    ax.plot(
-        points[:, 0], points[:, 1], "o", color=color(palette.DEMONSTRATION), markersize=4.5, markeredgecolor="white",
-        markeredgewidth=0.6, label="demonstrations",
-    )  # fmt: skip
-    ax.set_xlabel(with_unit(density.features[0], density.units[0], density.over_time[0]))
-    ax.set_ylabel(with_unit(density.features[1], density.units[1], density.over_time[1]))
-    bar = figure.colorbar(image, ax=ax, label="density of alternatives", pad=0.02, aspect=25)
+    for ax, (title, values) in zip(axes, shown, strict=True):
+        image = ax.imshow(
+            values, origin="lower", extent=extent, aspect="auto", interpolation="nearest", cmap=sequential_map(),
+            norm=norm,
+        )  # fmt: skip
+        ax.plot(
+            points[:, 0], points[:, 1], "o", color=color(palette.DEMONSTRATION), markersize=4.5,
+            markeredgecolor="white", markeredgewidth=0.6, label="demonstrations",
+        )  # fmt: skip
+        ax.set_xlabel(with_unit(density.features[0], density.units[0], density.over_time[0]))
+        ax.set_title(title)
+    axes[0].set_ylabel(with_unit(density.features[1], density.units[1], density.over_time[1]))
+    per = " · ".join(filter(None, density.units)).replace("^2", "²").replace("^3", "³")
+    label = f"density of alternatives\n({f'per {per}; ' if per else ''}colours by its square root)"
+    bar = figure.colorbar(image, ax=list(axes), label=label, pad=0.02, aspect=25)
     bar.outline.set_visible(False)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper left")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left")
     return figure
 
 
@@ -107,17 +117,17 @@ def posterior_figure(
     models = tuple(posteriors)
     rows = rows_that_matter(posteriors, truth)
     names = rows.names(labels, truth)
-    figure = new_figure(COLUMN_IN, 0.9 + 0.19 * rows.count)
+    figure = new_figure(COLUMN, 0.9 + 0.19 * rows.count)
     ax = figure.subplots()
     height = 0.8 / len(models)
     for offset, (model, posterior) in enumerate(posteriors.items()):
         values = rows.values(posterior)
         y = np.arange(values.size) + (offset - (len(models) - 1) / 2) * height
-        ax.barh(y, values, height, color=model_color(model, models), label=model_name(model))
+        lying_bars(ax, y, values, height, model, models, label=model_name(model))
     ax.set_yticks(np.arange(len(names)), names)
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(len(names) - 0.5, -0.5)
-    ax.set_xlim(0, None)
+    ax.set_xlim(0, 1)
     ax.grid(axis="x")
     ax.set_xlabel("posterior, all demonstrations" + (f",\n{over}" if over else ""), loc="right")
     ax.set_ylabel(meaning)
@@ -137,11 +147,11 @@ def regions_figure(
         demonstrations: (n, 2) values.
         axes_labels: of the two features, with units.
     """
-    figure = new_figure(TEXT_IN, 3.4)
+    figure = new_figure(TEXT, 3.4)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     for number, (name, points) in enumerate(samplers.items()):
         left.plot(
-            points[:, 0], points[:, 1], _MARKERS[number // len(_COLORS) % len(_MARKERS)], markersize=1.5,
+            points[:, 0], points[:, 1], _MARKERS[number % len(_MARKERS)], markersize=1.7,
             color=color(_COLORS[number % len(_COLORS)]), markeredgewidth=0, label=name, rasterized=True,
         )  # fmt: skip
     right.plot(
@@ -150,7 +160,7 @@ def regions_figure(
     )  # fmt: skip
     for ax in (left, right):
         ax.plot(
-            demonstrations[:, 0], demonstrations[:, 1], "o", markersize=3.5, color=color(palette.DEMONSTRATION),
+            demonstrations[:, 0], demonstrations[:, 1], "D", markersize=3.5, color=color(palette.DEMONSTRATION),
             markeredgecolor="white", markeredgewidth=0.5, label="demonstrations",
         )  # fmt: skip
         ax.set_xlabel(axes_labels[0])
@@ -168,6 +178,8 @@ def before_after_figure(
 ) -> Figure:
     """The posteriors of one demonstration over theta, from each sampler's set and from each exploration.
 
+    A row for each hypothesis that matters, and in it a mark for each posterior; marks that coincide agree.
+
     Args:
         sampled: for each model, (S, K) probabilities, a row for each sampler.
         explored: for each model, (R, K), a row for each exploration.
@@ -177,20 +189,26 @@ def before_after_figure(
     models = tuple(explored)
     count = next(iter(sampled.values())).shape[0]
     runs = next(iter(explored.values())).shape[0]
-    figure = new_figure(TEXT_IN, 2.0 + 1.1 * len(models))
-    axes = figure.subplots(len(models), 2, squeeze=False, sharex=True, sharey="row")
-    x = np.arange(len(labels))
-    for row, model in zip(axes, models, strict=True):
-        for ax, values in zip(row, (sampled[model], explored[model]), strict=True):
-            for one in values:
-                ax.plot(x, one, "-", linewidth=0.8, alpha=0.7, color=model_color(model, models))
-        top = 1.05 * float(max(sampled[model].max(), explored[model].max()))
-        for ax in row:
-            probability_axis(ax, f"{model_name(model)}\nposterior" if ax is row[0] else "", top)
-    axes[0, 0].set_title(f"{count} samplers")
-    axes[0, 1].set_title(f"{runs} explorations, each from other seeds")
+    each = [one for found in (sampled, explored) for values in found.values() for one in values]
+    rows = rows_that_matter({str(number): one for number, one in enumerate(each)})
+    figure = new_figure(TEXT, 0.45 + (0.3 + 0.16 * len(rows.order)) * len(models))
+    axes = figure.subplots(len(models), 2, squeeze=False, sharex=True, sharey=True)
+    y = np.arange(len(rows.order))
+    for pair, model in zip(axes, models, strict=True):
+        for ax, found, what in zip(
+            pair, (sampled, explored), (f"{count} samplers", f"{runs} explorations"), strict=True
+        ):
+            for one in found[model]:
+                ax.plot(
+                    rows.own(one), y, model_look(model, models).marker, markersize=4, markerfacecolor="none",
+                    markeredgecolor=model_color(model, models), markeredgewidth=0.8,
+                )  # fmt: skip
+            ax.set_title(f"{model_name(model)}, {what}")
+            ax.grid()
+            ax.tick_params(axis="y", length=0)
+        pair[0].set_ylabel(about)
+    axes[0, 0].set_yticks(y, rows.names(labels)[: len(y)])
+    axes[0, 0].set_ylim(len(y) - 0.4, -0.6)
     for ax in axes[-1]:
-        ax.set_xticks(x, list(labels), rotation=90)
-        ax.tick_params(axis="x", length=0)
-        ax.set_xlabel(about)
+        ax.set_xlabel(f"posterior{rows.unshown}")
     return figure

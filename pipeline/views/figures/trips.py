@@ -22,7 +22,7 @@ from pipeline.studies.trips.path_models import (
     RECURSIVE_LOGIT,
 )
 from pipeline.views import palette
-from pipeline.views.figures.style import INK, TEXT_IN, color, in_style, new_figure
+from pipeline.views.figures.style import INK, TEXT, color, in_style, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +52,7 @@ def scores_figure(scores: pl.DataFrame) -> Figure:
         scores: rows of trips_scores.
     """
     samplers = scores["sampler"].unique().sort().to_list()
-    figure = new_figure(TEXT_IN, 2.9)
+    figure = new_figure(TEXT, 2.9)
     axes = figure.subplots(1, len(samplers), sharey=True, squeeze=False)[0]
     models = [model for model in MODELS if model != BOLTZMANN_CORRECTED]
     for ax, sampler in zip(axes, samplers, strict=True):
@@ -84,7 +84,7 @@ def samplers_figure(angles: pl.DataFrame) -> Figure:
     Args:
         angles: rows of trips_angles.
     """
-    figure = new_figure(TEXT_IN, 2.6)
+    figure = new_figure(TEXT, 2.6)
     pairs = angles.select("sampler", "other_sampler").unique().sort("sampler", "other_sampler").rows()
     axes = figure.subplots(1, len(pairs), sharey=True, squeeze=False)[0]
     for ax, (one, other) in zip(axes, pairs, strict=True):
@@ -114,7 +114,7 @@ def routes_figure(town: pl.DataFrame, routes: pl.DataFrame, links: pl.DataFrame)
         routes, links: rows of trips_routes and trips_route_links.
     """
     trips = routes["trip"].unique(maintain_order=True).to_list()
-    figure = new_figure(TEXT_IN, 2.3 * len(trips))
+    figure = new_figure(TEXT, 2.3 * len(trips))
     axes = figure.subplots(len(trips), len(SHOWN), squeeze=False)
     for row, trip in zip(axes, trips, strict=True):
         drawn = links.filter(trip=trip).join(town, on="link", how="inner", maintain_order="left")

@@ -15,7 +15,7 @@ from pipeline.answers.tables import answer_lines
 from pipeline.formats.duckdb.questions import CONTENTS, ask
 from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.studies.support import beyond, chance_notes, edge_sentence
-from pipeline.views.figures.captions import EXPLORED_FIGURES, STUDY_FIGURES, TASK_FIGURES
+from pipeline.views.figures.captions import FURTHER_FIGURES, STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
 from pipeline.views.report.html import Answer, Folded, Part, Picture, Points, Report, Section, Table, Text, Verbatim
 from pipeline.views.task_summary import theta_labels, theta_meaning
@@ -24,7 +24,7 @@ from pipeline.workspace.project import Project
 
 LIBRARIES = ("mujoco", "numpy", "scipy", "finufft", "polars", "duckdb", "matplotlib")
 _HASH_DIGITS = 16
-FIRST_FIGURES = ("posterior", "predicted", "regions", "ten_posteriors")  # of a task; the others wait behind a click
+FIRST_FIGURES = ("scene", "posterior", "predicted", "ten_posteriors")  # of a task; the others wait behind a click
 WORDS = {
     "alternative": "a trajectory that a person could have chosen instead",
     "feature": "a number about a trajectory that people may care about, such as its height over the table",
@@ -274,7 +274,7 @@ def _task(project: Project, answers: _Answers, name: str) -> list[Part]:
     rejected = (
         answers("rejected", "from rejected order by source").filter(task=name).select("source", "reason", "detail")
     )
-    figures = {**TASK_FIGURES, **EXPLORED_FIGURES}
+    figures = {**TASK_FIGURES, **FURTHER_FIGURES}
     first = {figure: figures[figure] for figure in FIRST_FIGURES}
     others = {figure: caption for figure, caption in figures.items() if figure not in first}
     parts: list[Part] = [Text(about), *_pictures(project, name, first)]

@@ -13,13 +13,14 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.text import Text
 
+from pipeline.params import FigureSettings
 from pipeline.studies.grid_world.trials import HIDDEN_MODELS, INFERENCE_MODELS, SAMPLING_MODELS, THETAS
 from pipeline.studies.human_choice import analyse_choices
 from pipeline.views import palette
 from pipeline.views.figures.grid_world import density_figure, overall_figure, sets_figure, true_posterior_figure
 from pipeline.views.figures.held_out import held_out_figure
 from pipeline.views.figures.human_choice import choices_figure
-from pipeline.views.figures.style import COLUMN_IN, TEXT_IN, color, styled, write_figure
+from pipeline.views.figures.style import color, printed, styled, write_figure
 from pipeline.views.figures.task import densities_figure, map_figure, posterior_figure
 from pipeline.views.intervals import compare_models, differences, with_mean_intervals, with_share_intervals
 from pipeline.views.task_summary import density_curve, density_map
@@ -167,16 +168,45 @@ def shown(figure: Figure) -> list[str]:
 def test_the_same_data_give_the_same_bytes(name: str, tmp_path: Path) -> None:
     for folder in ("a", "b"):
         write_figure(tmp_path / folder, name, FIGURES[name]())
-    for kind in ("svg", "png"):
+    for kind in ("svg", "png", "pdf"):
         first, second = ((tmp_path / folder / f"{name}.{kind}").read_bytes() for folder in ("a", "b"))
         assert first == second, kind
-    assert sorted(file.name for file in (tmp_path / "a").iterdir()) == [f"{name}.png", f"{name}.svg"]
+    assert sorted(file.name for file in (tmp_path / "a").iterdir()) == [
+        f"{name}.{kind}" for kind in ("pdf", "png", "svg")
+    ]
     svg = (tmp_path / "a" / f"{name}.svg").read_text()
-    assert "<text" not in svg
-    assert "font-family" not in svg
     assert "<dc:date>" not in svg
     width = imread(tmp_path / "a" / f"{name}.png").shape[1]
-    assert width in (round(300 * COLUMN_IN), int(300 * COLUMN_IN), round(300 * TEXT_IN))
+    usual = FigureSettings()
+    assert width in (int(300 * usual.column_in), int(300 * usual.text_in))
+
+
+def test_text_is_text_in_svg_and_pdf(tmp_path: Path) -> None:
+    write_figure(tmp_path, "x", held_out(), "What it shows.")
+    svg = (tmp_path / "x.svg").read_text()
+    assert "6 held-out demonstrations; mean ± standard error</text>" in svg
+    assert "'DejaVu Sans', sans-serif" in svg, "who lacks the font sees another"
+    assert b"/FontFile2" in (tmp_path / "x.pdf").read_bytes()
+    assert (tmp_path / "x.txt").read_text() == "What it shows.\n"
+
+
+def test_sizes_and_formats_are_those_of_the_parameters(tmp_path: Path) -> None:
+    with printed(FigureSettings(column_in=4.0, font_pt=9.0, formats=("pdf",))):
+        figure = held_out()
+        write_figure(tmp_path, "x", figure)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["x.pdf", "x.svg"]
+    assert re.search(r'<svg[^>]*width="288pt"', (tmp_path / "x.svg").read_text())
+    assert figure.get_size_inches()[1] == pytest.approx(9 / 7.5 * held_out().get_size_inches()[1])
+    assert sorted({round(text.get_fontsize(), 6) for text in texts(figure)}) == [8.4, 9.0, 9.6]
+    assert held_out().get_size_inches()[0] == 3.33, "the settings end with their context"
+
+
+def test_models_differ_without_colour() -> None:
+    for figure, panel in ((human_choice(), 0), (true_posterior_figure(summary()), 0), (overall_figure(summary()), 0)):
+        handles, labels = figure.axes[panel].get_legend_handles_labels()
+        looks = [handle.patches[0].get_hatch() for handle in handles]
+        assert len(set(looks[-2:])) == 2, labels
+        assert len({*looks} - {None, ""}) >= len(looks) - 2, (labels, looks)
 
 
 @pytest.mark.parametrize("name", FIGURES)

@@ -19,7 +19,7 @@ from pipeline.views.figures.robustness import (
     sensitivity_figure,
     two_posteriors_figure,
 )
-from pipeline.views.figures.style import write_figure
+from pipeline.views.figures.style import model_color, write_figure
 from tests.support.drawn_text import unreadable
 
 VALUES = {"boltzmann": 3.0, "less": 2.0, "boltzmann-weighted": 50.0, "less-clean-bandwidth": 1.0}
@@ -80,13 +80,17 @@ def settings(largest: float = 1.0) -> pl.DataFrame:
     )
 
 
+def changed() -> pl.DataFrame:
+    return settings().with_columns(value=pl.when(is_default=True).then(0.0).otherwise(0.3))
+
+
 def two_posteriors() -> Figure:
     rows = pl.DataFrame({"model": BOTH}).join(pl.DataFrame({"regime": REGIMES}), how="cross")
     rows = rows.join(pl.DataFrame({"set_id": ["a", "b", "c"]}), how="cross").join(
         pl.DataFrame({"theta_id": range(19)}), how="cross"
     )
     rows = rows.with_columns(
-        posterior=pl.int_range(pl.len()) / pl.len(), demonstration_id=pl.lit("ana-2"), set_size=pl.lit(1000)
+        posterior=(pl.int_range(pl.len()) + 1) / pl.len(), demonstration_id=pl.lit("ana-2"), set_size=pl.lit(1000)
     )
     return two_posteriors_figure(rows, {"independent": ("a", "c"), "sampler-shift": ("b", "c")}, LABELS, "weights")
 
@@ -100,7 +104,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "duplicates": lambda: duplicates_figure(
         points((*BOTH, "less-clean-bandwidth"), copies=[1, 3, 10, 30], spread=[0.0, 0.001, 0.01, 0.03, 0.1])
     ),
-    "sensitivity": lambda: sensitivity_figure(settings(), settings(0.1).filter(pl.col("setting") != "joint")),
+    "sensitivity": lambda: sensitivity_figure(settings(), changed()),
 }
 
 
@@ -143,7 +147,7 @@ def test_divergence_against_size() -> None:
 def test_an_interval_without_end_leaves_the_values_visible() -> None:
     table = summary().with_columns(high=pl.when(model="less", set_size=1000).then(1e300).otherwise("high"))
     bottom, top = kl_figure(table).axes[0].get_ylim()
-    values = table.filter(demonstrations="single").filter(pl.col("regime") != "known-density")["value"]
+    values = table.filter(pl.col("regime") != "known-density")["value"]
     assert bottom < values.min()
     assert values.max() < top <= 10 * values.max()
 
@@ -178,14 +182,52 @@ def test_accuracy_is_in_degrees_beside_chance_and_the_best_there_is() -> None:
 
 def test_two_posteriors() -> None:
     figure = two_posteriors()
-    heights = [[bar.get_height() for bar in axes.patches] for axes in figure.axes]
-    # rows are models, then regimes, then sets, 19 thetas each
+    # rows are models, then regimes, then sets, 19 thetas each; the ten with the largest probability have a row
     starts = [[0, 38], [76, 95], [114, 152], [190, 209]]
-    expected = [[(start + k) / 228 for start in pair for k in range(19)] for pair in starts]
-    np.testing.assert_allclose(heights, expected, rtol=1e-15)
-    assert figure.axes[0].get_ylim()[1] >= 227 / 228
-    assert figure.axes[1].get_title("left").endswith("dark: set b, pale: set c")
+    for axes, pair in zip(figure.axes, starts, strict=True):
+        lengths = [bar.get_width() for bar in axes.patches]
+        expected = [(start + k + 1) / 228 for start in pair for k in range(18, 8, -1)]
+        np.testing.assert_allclose(lengths, expected, rtol=1e-12)
+        faces = [bar.get_facecolor() for bar in axes.patches]
+        assert faces[0] == axes.patches[0].get_edgecolor(), "full"
+        assert faces[10] == (1.0, 1.0, 1.0, 1.0), "empty"
+    assert figure.axes[0].get_yticklabels()[0].get_text() == LABELS[18]
+    assert len(figure.axes[0].get_yticklabels()) == 10
+    assert figure.axes[2].get_xlabel() == "posterior (the other 9 not shown)"
+    assert figure.axes[0].get_xlim()[1] >= 228 / 228, "what the largest needs"
+    assert figure.axes[1].get_title("left").endswith("full: set b,\nempty: set c")
     assert figure.get_suptitle() == "demonstration ana-2, sets of 1,000 alternatives"
+
+
+def test_an_interval_that_leaves_its_panel_has_an_arrow() -> None:
+    ends = pl.when(model="less", set_size=1000)
+    table = summary().with_columns(
+        high=ends.then(1e300).otherwise("high"), low=ends.then(1e-300).otherwise(pl.col("low"))
+    )
+    for figure, panel in ((kl_figure(table), 0), (importance_figure(table, accuracies(["known-density"]), sets()), 0)):
+        axes = figure.axes[panel]
+        arrows = [line for line in axes.get_lines() if line.get_marker() in ("v", "^") and len(line.get_xdata()) == 1]
+        bottom, top = axes.get_ylim()
+        assert {(line.get_marker(), float(line.get_ydata()[0])) for line in arrows} >= {("v", bottom), ("^", top)}
+        shades = {tuple(line.get_color()[:3]) for line in arrows}
+        assert shades == {model_color("less", ("less",))}
+
+
+def test_panels_that_stand_side_by_side_have_one_scale() -> None:
+    for name in ("robustness", "accuracy", "duplicates", "two_posteriors"):
+        figure = FIGURES[name]()
+        columns = figure.axes[0].get_subplotspec().get_gridspec().ncols
+        for start in range(0, len(figure.axes), columns):
+            assert len({axes.get_ylim() for axes in figure.axes[start : start + columns]}) == 1, name
+    for name in ("robustness", "duplicates"):
+        assert len({axes.get_ylim() for axes in FIGURES[name]().axes}) == 1, "also one above the other"
+
+
+def test_plain_and_weighted_boltzmann_differ() -> None:
+    lines = {str(line.get_label()): line for line in FIGURES["importance"]().axes[0].get_lines()}
+    plain, weighted = lines["Boltzmann"], lines["Boltzmann, importance weights"]
+    assert plain.get_color() != weighted.get_color()
+    assert plain.get_marker() != weighted.get_marker()
 
 
 def test_duplicates_have_a_column_per_spread() -> None:
@@ -198,13 +240,16 @@ def test_duplicates_have_a_column_per_spread() -> None:
 
 def test_sensitivity_marks_the_studys_own_and_what_is_beyond() -> None:
     table = settings()
-    figure = sensitivity_figure(table, settings(0.1).filter(pl.col("setting") != "joint"))
+    figure = sensitivity_figure(table, changed())
     for ax, regime in zip(figure.axes[:2], REGIMES, strict=True):
-        marks = [line for line in ax.get_lines() if line.get_marker() in ("o", "<")]
+        marks = [line for line in ax.get_lines() if line.get_marker() in ("o", "s", "<")]
         rows = table.filter(demonstrations="single", regime=regime)
         assert [line.get_markerfacecolor() != "white" for line in marks] == rows["is_default"].to_list()
         assert [line.get_marker() == "<" for line in marks] == (rows["setting"] == "0.01").to_list()
-        shown = [float(line.get_xdata()[0]) for line in marks if line.get_marker() == "o"]
+        shown = [float(line.get_xdata()[0]) for line in marks if line.get_marker() != "<"]
         assert shown == rows.filter(pl.col("setting") != "0.01")["value"].to_list()
-    assert len([line for line in figure.axes[2].get_lines() if line.get_marker() == "o"]) == 12
-    assert figure.legends[0].get_title().get_text() == "single demonstrations, sets of 1,000 alternatives"
+    answers = figure.axes[2]
+    assert answers.get_title("left").startswith("all together")
+    marks = [float(line.get_xdata()[0]) for line in answers.get_lines() if line.get_marker() in ("o", "s")]
+    assert marks == changed().filter(demonstrations="batch", regime="independent")["value"].to_list()
+    assert figure.legends[0].get_title().get_text() == "one setting changed at a time, sets of 1,000 alternatives"
