@@ -27,9 +27,7 @@ plots:
   - figure.svg
 """
 PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" width="{0}" height="9"><rect width="{0}" height="9"/></svg>'
-TASK_FIGURES = (
-    "posterior held_out densities density_map robustness accuracy duplicates sensitivity"
-)
+TASK_FIGURES = "posterior held_out densities density_map robustness accuracy duplicates sensitivity"
 STUDY_FIGURES = "human_choice grid_world_true_posterior grid_world_overall grid_world_sets grid_world_density"
 
 

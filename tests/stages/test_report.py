@@ -53,6 +53,9 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
     assert "Task sweep: 1 of 3 recordings are used with remarks, such as demo-1.mcap: starts 0.2" in page
     assert page.count("starts 0.2") == 2
     assert "<b>" not in page
+    linked = set(re.findall(r'href="#(word-[^"]+)"', page))
+    assert {"word-less", "word-boltzmann", "word-beta", "word-held-out", "word-klaggregate"} <= linked
+    assert linked <= set(re.findall(r'<dt id="([^"]+)"', page))
     for word in ("person-2", "demo-1.mcap", "effort", "held-out (nat)", "gantry.xml", "mujoco", "theta_values"):
         assert word in page, word
     assert recorded_runs(reported)[-1]["produced"] == f"{path.stat().st_size / 1e6:.1f} MB"
