@@ -52,7 +52,7 @@ VIEWS = {  # and the second of the replay, where it is not the one that it opens
 }
 MOVING, FRAMES, FRAME_MS = "table.gif", 12, 700
 """The short moving picture of the README: how many moments of the replay of the task `table` it has."""
-UPPER = (0, 30, 1600, 585)  # of a window of 1600 x 1000: the scene and the posterior
+UPPER = (0, 64, 1600, 607)  # of a window of 1600 x 1000: the scene and the posterior
 WATCHED = 3  # recordings of the task `table`, for the picture of `lessbench watch`
 REPORT, REPORT_SIZE = "report.png", "1100,1500"
 TARGET = ROOT / "docs" / "pictures"

@@ -51,7 +51,7 @@ def take_picture(recording: Path, picture: Path, time_s: float | None, size: str
     with headless_viewer(recording, size) as viewer:
         viewer.run_command("ui.toggle_top_panel")
         if time_s is not None:
-            viewer.set_time(timeline=TIMELINE, duration=time_s, play_state="paused")
+            show_moment(viewer, time_s)
         time.sleep(_NOTICES_S)
         problems = [str(report) for view in viewer.get_state().views for report in view.reports]
         if problems:
@@ -81,6 +81,23 @@ def headless_viewer(recording: Path | str, size: str = "1600x1000") -> Iterator[
         finally:
             process.terminate()
             process.wait()
+
+
+def show_moment(viewer: ViewerClient, time_s: float) -> None:
+    """Stop the replay at `time_s`, once the viewer has received enough of the recording to know the clock.
+
+    Raises:
+        RuntimeError: that does not happen.
+    """
+    deadline = time.monotonic() + _START_S
+    while True:
+        try:
+            viewer.set_time(timeline=TIMELINE, duration=time_s, play_state="paused")
+            return
+        except ConnectionError as error:  # the layout comes before the first data
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"the viewer does not go to {time_s} s: {error}") from error
+            time.sleep(0.2)
 
 
 def _connect(process: subprocess.Popen[bytes], log: Path) -> ViewerClient:

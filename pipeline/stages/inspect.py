@@ -49,7 +49,6 @@ def run(project: Project, name: str) -> None:
     """Write inspect.rrd of the task `name`."""
     task = project.params.task(name)
     with recorded_run(project, "inspect", name, (project.datasets / name / "inspect.rrd",)) as record:
-        register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         path = project.datasets / name / "inspect.rrd"
         write_inspection(path, inspection(project, name, task, scene))
@@ -61,7 +60,9 @@ def inspection(project: Project, name: str, task: Task, scene: Scene) -> Inspect
 
     Raises:
         TableError: a table is missing or not what it should be.
+        ParameterError: see `register_task_kinds`.
     """
+    register_task_kinds(project, task)
     with TaskTables(project.tables(name, INPUTS)) as tables:
         view = task_view(tables, project.table(name, "explored_posteriors"))
         alternatives = _alternatives(project, name, scene, view, tables["alternatives"])

@@ -21,7 +21,6 @@ from pipeline.errors import StageError
 from pipeline.stages import density, featurize, infer, ingest, sample
 from pipeline.views.rerun.recording import quiet_environment, viewer_command
 from pipeline.views.rerun.server import Address, claim, open_beside, require_listening
-from pipeline.views.rerun.timelines import TIMELINE
 from pipeline.workspace.project import Project
 from tests.support.live_viewer import entities, lessbench, listening, not_blank, pictures, received
 
@@ -84,11 +83,11 @@ def test_the_real_viewer_shows_what_is_served(inferred: Project, tmp_path: Path)
         assert process.stdout is not None
         uri = process.stdout.readline().split(" at ")[1].strip()
         with drawn.headless_viewer(uri) as viewer:
-            viewer.set_time(timeline=TIMELINE, duration=1.0, play_state="paused")
+            drawn.show_moment(viewer, 1.0)
             time.sleep(1.0)
             # two features: no cube; no robustness study: no KLAggregate
             state = viewer.get_state()
-            assert len(state.views) == 6
+            assert len(state.views) == 13
             assert [view.reports for view in state.views if view.reports] == []
             viewer.save_screenshot(str(tmp_path / "live.png"))
     not_blank(tmp_path / "live.png")

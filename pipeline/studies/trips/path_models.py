@@ -41,7 +41,6 @@ MODELS: Mapping[str, str] = MappingProxyType(
 OWN_FEATURE = (PATH_SIZE, EXPANDED_PATH_SIZE)
 BY_SET = tuple(model for model in MODELS if model != RECURSIVE_LOGIT)
 _SMALL_PRODUCT = 200_000  # multiplications; from 262,144 on OpenBLAS starts threads
-_TILES = 8  # at once against all others
 CORRECTED = (RECURSIVE_LOGIT, BOLTZMANN_CORRECTED, EXPANDED_PATH_SIZE, NESTED_CORRECTED)
 NESTED = (NESTED_LOGIT, NESTED_CORRECTED)
 PLAIN = (BOLTZMANN, PATH_SIZE, NESTED_LOGIT)  # models that take the set as it is
@@ -125,12 +124,14 @@ def _log_link_density(rows: FloatArray, bandwidth: float) -> FloatArray:
     side = max(int((_SMALL_PRODUCT / width) ** 0.5), 1)
     tiles = np.zeros((-(-count // side), side, width))
     tiles.reshape(-1, width)[:count] = rows / bandwidth
-    sums = np.empty((len(tiles), side))
-    for start in range(0, len(tiles), _TILES):
-        kernel = tiles[start : start + _TILES, None] @ tiles.swapaxes(1, 2)  # (a, tiles, side, side)
+    sums = np.zeros((len(tiles), side))
+    turned = tiles.swapaxes(1, 2)
+    for start in range(len(tiles)):
+        kernel = tiles[start] @ turned[start:]  # (tiles that are left, side, side): the others are these, turned
         kernel -= 1.0 / bandwidth**2  # -(2 - 2 share) / (2 bandwidth^2)
         np.exp(kernel, out=kernel)
-        sums[start : start + _TILES] = kernel.sum(axis=(1, 3))
+        sums[start] += kernel.sum(axis=(0, 2))
+        sums[start + 1 :] += kernel[1:].sum(axis=1)
     filled = (sums.size - count) * np.exp(-1.0 / bandwidth**2)  # by the rows of zeros in the last tile
     return np.asarray(np.log(sums.ravel()[:count] - filled))
 

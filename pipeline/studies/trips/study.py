@@ -65,7 +65,9 @@ def run_trips(
     logit = roads.recursive_logit()
     folds = folds_of(len(roads.trips), seed)
     exact = logit.estimate(START)
-    exact_folds = [logit.estimate(exact.weights, (~held).astype(np.float64)).weights for held in folds]
+    with ThreadPoolExecutor(WORKERS) as pool:
+        others = pool.map(lambda held: logit.estimate(exact.weights, (~held).astype(np.float64)), folds)
+        exact_folds = [one.weights for one in others]
     estimates: list[dict[str, object]] = []
     held_out: list[pl.DataFrame] = []
     shown = min(samplings, key=lambda size: abs(size - SHOWN_SIZE))

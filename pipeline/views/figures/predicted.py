@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pipeline.views.figures.style import INK, TEXT, in_style, model_color, model_look, new_figure
-from pipeline.vocabulary import model_name
+from pipeline.vocabulary import INFERRED_MODELS, model_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,6 +17,12 @@ if TYPE_CHECKING:
     from pipeline.views.feature_axis import FeatureAxis
 
 
+def _place(model: str) -> int:
+    """Place of a model in a picture: the same as everywhere, with those that no task infers last."""
+    known = tuple(INFERRED_MODELS)
+    return known.index(model) if model in known else len(known)
+
+
 @in_style
 def predicted_figure(predictions: pl.DataFrame, features: Sequence[FeatureAxis], demonstrations: FloatArray) -> Figure:
     """For each feature the predicted median and 90 % interval of every model, and the demonstrations as ticks.
@@ -26,7 +32,7 @@ def predicted_figure(predictions: pl.DataFrame, features: Sequence[FeatureAxis],
         features: the axes of the F features.
         demonstrations: (n, F) raw values.
     """
-    models = predictions["model"].unique(maintain_order=True).to_list()
+    models = sorted(predictions["model"].unique(maintain_order=True), key=_place)
     figure = new_figure(TEXT, 0.8 + 0.22 * len(models))
     panels = figure.subplots(1, len(features), squeeze=False)[0]
     for column, (axes, feature) in enumerate(zip(panels, features, strict=True)):

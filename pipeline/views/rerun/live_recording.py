@@ -203,7 +203,7 @@ def _layout(beginning: Beginning) -> rrb.Blueprint:
     in_picture = np.concatenate([paths.reshape(-1, 3), poses.body_positions[:, 1:].reshape(-1, 3)])
     name = f"Posterior over {beginning.theta_meaning}, after the demonstrations so far"
     above = rrb.Horizontal(
-        scene_view(poses, in_picture, ()),
+        scene_view(poses, in_picture, (), paths.reshape(-1, 3)),
         page_view("posterior", name, bounds_of_any(models, len(beginning.theta_labels))),
         column_shares=[9, 11],
     )

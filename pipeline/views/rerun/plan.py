@@ -36,7 +36,7 @@ def write_plan_view(
         text: what is said of it, in Markdown.
     """
     in_picture = np.concatenate([demonstrations.reshape(-1, 3), plan, others.reshape(-1, 3)])
-    view = scene_view(replay, in_picture, [])
+    view = scene_view(replay, in_picture, [], in_picture)
     view.name = "Plan (yellow), best for other beliefs (blue), demonstrations (pink)"
     below = rrb.Horizontal(view, rrb.TextDocumentView(origin="summary", name="The plan"), column_shares=[72, 28])
     closed = (rrb.SelectionPanel(state="collapsed"), rrb.BlueprintPanel(state="collapsed"))

@@ -32,9 +32,15 @@ JOINTS, FEATURES, BELIEF = "series/joints", "series/features", "series/belief"
 EACH = "each demonstration"  # under a feature, beside the demonstrations' names
 PLAUSIBLE = "plausible"  # under BELIEF, beside the models
 MOST_LINES = 3  # hypotheses with a line in the plot of a model's belief
-COLORS = (
-    palette.ORANGE, palette.SKY, palette.GREEN, palette.YELLOW, palette.PINK, palette.VERMILLION, palette.GREY,
-)  # fmt: skip
+COLORS = (  # the first three are as far apart in grey as on a screen; MOST_LINES are drawn where it is known which
+    palette.YELLOW,
+    palette.SKY,
+    palette.VERMILLION,
+    palette.PINK,
+    palette.GREEN,
+    palette.ORANGE,
+    palette.GREY,
+)
 MARKERS = tuple(  # to tell lines apart in grey too
     map(rr.components.MarkerShape.auto, ("Circle", "Square", "Up", "Diamond", "Cross", "Down", "Plus", "Asterisk"))
 )

@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 import pytest
 import rerun as rr
+from PIL import Image
 from rerun.chunk import RrdReader
 
 from pipeline.errors import ArgumentError, StageError
@@ -23,7 +24,7 @@ from pipeline.views.feature_axis import FeatureAxis
 from pipeline.views.rerun.density import ticks
 from pipeline.views.rerun.labels import drawable
 from pipeline.views.rerun.layout import camera, hidden
-from pipeline.views.rerun.posterior import page
+from pipeline.views.rerun.posterior import bounds_of_any, page
 from pipeline.views.rerun.recording import open_viewer, quiet_environment, viewer_command, write_inspection
 from pipeline.views.rerun.records import (
     AlternativeSet,
@@ -557,6 +558,35 @@ def test_no_view_reports_an_error_at_any_time(recording, inspection, tmp_path):
     for earlier, later in itertools.pairwise(shots):
         assert (earlier[:, :width] != later[:, :width]).any()
         assert (earlier[:, width:] != later[:, width:]).any()
+
+
+@pytest.mark.parametrize("size", ["1280x720", "1600x900", "1920x1080"])
+def test_it_is_readable_with_all_panels_open(recording, inspection, tmp_path, size):
+    with pictures().headless_viewer(recording, size) as viewer:
+        for panel in ("ui.toggle_blueprint_panel", "ui.toggle_selection_panel", "recording.toggle_time_panel"):
+            viewer.run_command(panel)
+        pictures().show_moment(viewer, 3.0)
+        time.sleep(2.0)
+        views = viewer.get_state().views
+        assert [view.reports for view in views if view.reports] == []
+        seen = {}
+        for view in views:
+            if view.name.startswith(("Posterior", "P(theta), LESS", "effort", "Demonstrations", "Numbers")):
+                viewer.save_screenshot(str(tmp_path / "view.png"), view_id=view.view_id)
+                with Image.open(tmp_path / "view.png") as shown:
+                    seen[view.name.split()[0]] = shown.size
+        viewer.save_screenshot(str(tmp_path / "all.png"))
+    not_blank(tmp_path / "all.png")
+    assert set(seen) == {"Posterior", "P(theta),", "effort", "Demonstrations", "Numbers,"}
+    for name, (width, height) in seen.items():
+        assert width >= 230, (name, width)
+        assert height >= 130, (name, height)
+    # the rows of a full chart are further apart than its letters are high, and its names have room
+    (left, right), (top, bottom) = bounds_of_any(tuple(inspection.posteriors), 100)
+    scale = min(seen["Posterior"][0] / (right - left), seen["Posterior"][1] / (bottom - top))
+    chart = page(inspection).chart
+    assert scale * chart.row >= 16
+    assert scale * chart.names_width >= 170
 
 
 def test_every_model_has_its_own_color():
