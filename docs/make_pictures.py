@@ -35,6 +35,7 @@ PICTURES = {
     "grid_world_overall.png": "studies/figures/grid_world_overall.png",
     "grid_world_sets.png": "studies/figures/grid_world_sets.png",
     "grid_world_density.png": "studies/figures/grid_world_density.png",
+    "table_scene.png": "table/figures/scene.png",
     "table_held_out.png": "table/figures/held_out.png",
     "table_regions.png": "table/figures/regions.png",
     "table_ten_posteriors.png": "table/figures/ten_posteriors.png",
