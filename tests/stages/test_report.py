@@ -89,11 +89,14 @@ def test_a_browser_shows_all_of_it_and_fetches_nothing(reported: Project, tmp_pa
             )
             assert len(shown) == 6
             assert all(complete and natural > 100 and height > 50 for complete, natural, height in shown), shown
+            # the three tasks of params.yaml print on nine pages: what is folded is not printed
+            assert 2 <= page.printed_pages() <= 4
             page.ask("document.querySelectorAll('details').forEach(one => { one.open = true })")
             text = page.ask("document.body.innerText")
             for words in ("What to be careful about", "Boltzmann", "cut & <b>off.mcap", "person-2", "theta_values"):
                 assert words in text, words
             assert page.ask("document.documentElement.scrollWidth <= innerWidth"), f"wider than a screen of {width}"
+        assert page.printed_pages() > 4, "what is unfolded is printed"
         assert [address for address in page.requests if not address.startswith(("file:", "data:"))] == []
         with socket.create_server(("127.0.0.1", 0)) as listener:
             listener.setblocking(False)
