@@ -41,7 +41,7 @@ def _figure(costs: Mapping[str, Any], names: Sequence[str]) -> Figure:
                 beyond = np.geomspace(sizes[-1], LARGEST, 20)
                 axes.plot(beyond, [growth.at(size) for size in beyond], color=color(rgb), linestyle=":", linewidth=0.8)
     for axes, title, label in (
-        (time, "Time; dotted: what more would take, if each keeps growing so", "processor time (s)"),
+        (time, "Time. Dotted: beyond what was measured", "processor time (s)"),
         (memory, "Memory", "peak memory of the process (MB)"),
     ):
         axes.set(xscale="log", yscale="log", xlabel="alternatives", ylabel=label, title=title)

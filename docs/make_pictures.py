@@ -35,6 +35,7 @@ PICTURES = {
     "grid_world_overall.png": "studies/figures/grid_world_overall.png",
     "grid_world_sets.png": "studies/figures/grid_world_sets.png",
     "grid_world_density.png": "studies/figures/grid_world_density.png",
+    "table_scene.png": "table/figures/scene.png",
     "table_held_out.png": "table/figures/held_out.png",
     "table_regions.png": "table/figures/regions.png",
     "table_ten_posteriors.png": "table/figures/ten_posteriors.png",
@@ -52,7 +53,8 @@ VIEWS = {  # and the second of the replay, where it is not the one that it opens
 }
 MOVING, FRAMES, FRAME_MS = "table.gif", 12, 700
 """The short moving picture of the README: how many moments of the replay of the task `table` it has."""
-UPPER = (0, 64, 1600, 607)  # of a window of 1600 x 1000: the scene and the posterior
+SIZE = "1120x800"  # of the viewer's window: GitHub shows pictures 830 pixels wide, and text must be read there
+UPPER = (0, 66, 1120, 487)  # of such a window: the scene and the posterior
 WATCHED = 3  # recordings of the task `table`, for the picture of `lessbench watch`
 REPORT, REPORT_SIZE = "report.png", "1100,1500"
 TARGET = ROOT / "docs" / "pictures"
@@ -68,7 +70,7 @@ def main() -> None:
     missing = []
     for name, (recording, time_s) in VIEWS.items():
         try:
-            take_picture(ROOT / "datasets" / recording, TARGET / name, time_s)
+            take_picture(ROOT / "datasets" / recording, TARGET / name, time_s, SIZE)
         except RuntimeError as error:
             missing.append(f"{name}: {error}")
     try:
@@ -89,9 +91,9 @@ def take_moving(picture: Path) -> None:
     frames = []
     with tempfile.TemporaryDirectory() as folder:
         for moment in np.linspace(1.0, float(durations.sum()) - 0.5, FRAMES):
-            take_picture(ROOT / "datasets/table/inspect.rrd", Path(folder) / "frame.png", float(moment))
+            take_picture(ROOT / "datasets/table/inspect.rrd", Path(folder) / "frame.png", float(moment), SIZE)
             with Image.open(Path(folder) / "frame.png") as frame:
-                frames.append(frame.convert("RGB").crop(UPPER).reduce(2).quantize(96))
+                frames.append(frame.convert("RGB").crop(UPPER).quantize(96))
     frames[0].save(picture, save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0, optimize=True)
 
 

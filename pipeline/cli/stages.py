@@ -205,7 +205,7 @@ def inspect(
 
 @commands.command(rich_help_panel=STAGES)
 def figures(task: TaskOrStudies) -> None:
-    """Draw the figures of a task or of the studies, as SVG and PNG.
+    """Draw the figures of a task or of the studies, as SVG, PNG and PDF, each with its caption.
 
     Example: `lessbench figures table`; they are in datasets/table/figures.
     """

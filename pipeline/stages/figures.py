@@ -76,17 +76,18 @@ def run(project: Project, name: str) -> None:
             following = read_table(predictions, "predictions").filter(kind="next")
             if following.height:
                 figures["predicted"] = predicted_figure(following, view.axes, view.demonstration_phi)
-        summary = None
+        summary = pairs = None
         if project.table(name, ROBUSTNESS[0]).exists():
             figures |= _robustness(results, view)
             summary = results["robustness_summary"].read()
+            pairs = per_pair(summary, results["robustness"].read(), POINT)
             figures |= _explored(project, name, view, results["robustness_posteriors"])
         else:
             record.notes.append(f"no robustness study yet, so none of its figures: lessbench study robustness {name}")
         rejected = results["rejected"].read(where=~pl.col("reason").is_in(sorted(SET_ASIDE))).height
         recordings = view.demonstrations.height, rejected
         beliefs = {model: steps[-1] for model, steps in view.beliefs.items()}
-        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings, view.fits, view.resting_on)
+        numbers = task_headline(beliefs, view.labels, held_out, summary, recordings, view.fits, view.resting_on, pairs)
         write_figures(project, name, figures, numbers)
         record.produced = f"{len(figures)} figures"
 

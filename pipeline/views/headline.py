@@ -27,6 +27,7 @@ def task_headline(
     recordings: tuple[int, int],
     fits: pl.DataFrame,
     resting_on: Sequence[str] = (),
+    pairs: pl.DataFrame | None = None,
 ) -> Numbers:
     """The headline numbers of a task, from all of its demonstrations together.
 
@@ -38,13 +39,15 @@ def task_headline(
         recordings: number of recordings that were used, and that were rejected.
         fits: the table `fits`.
         resting_on: what the posterior of each model rests on.
+        pairs: the `summary` per pair of sets, see `pipeline.views.robustness.per_pair`.
 
     Returns:
         `recordings`: `used`, `rejected`. For each model: `best`, the most probable theta in words, or that none is
         better than chance; `over`, what the posterior rests on; `gain`, of the best log likelihood over that of theta =
         0 (nats); its `posterior`, summed over beta; the `beta` that is most probable with it; the `entropy` of the
         posterior over theta (nats); `held_out`, the mean log predictive probability of a demonstration given the others
-        (nats); and `kl_aggregate`, for each regime the median over single demonstrations with the largest sets (nats).
+        (nats); and `kl_aggregate`, for each regime the median over single demonstrations with the largest sets (nats),
+        of which `kl_per_pair` is the mean of a pair of sets.
     """
     numbers: Numbers = {"recordings": dict(zip(("used", "rejected"), recordings, strict=True))}
     over = dict(zip(beliefs, resting_on, strict=False))
@@ -64,6 +67,8 @@ def task_headline(
             model_numbers["held_out"] = _short(scores.mean())
         if summary is not None:
             model_numbers["kl_aggregate"] = _divergences(summary.filter(model=model, demonstrations=SINGLE))
+        if pairs is not None:
+            model_numbers["kl_per_pair"] = _divergences(pairs.filter(model=model, demonstrations=SINGLE))
         numbers[model] = model_numbers
     return numbers
 

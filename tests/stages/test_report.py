@@ -53,6 +53,9 @@ def test_the_report_tells_what_was_run_and_what_came_out(reported: Project) -> N
     assert "Task sweep: 1 of 3 recordings are used with remarks, such as demo-1.mcap: starts 0.2" in page
     assert page.count("starts 0.2") == 2
     assert "<b>" not in page
+    linked = set(re.findall(r'href="#(word-[^"]+)"', page))
+    assert {"word-less", "word-boltzmann", "word-beta", "word-held-out", "word-klaggregate"} <= linked
+    assert linked <= set(re.findall(r'<dt id="([^"]+)"', page))
     for word in ("person-2", "demo-1.mcap", "effort", "held-out (nat)", "gantry.xml", "mujoco", "theta_values"):
         assert word in page, word
     assert recorded_runs(reported)[-1]["produced"] == f"{path.stat().st_size / 1e6:.1f} MB"
@@ -86,11 +89,14 @@ def test_a_browser_shows_all_of_it_and_fetches_nothing(reported: Project, tmp_pa
             )
             assert len(shown) == 6
             assert all(complete and natural > 100 and height > 50 for complete, natural, height in shown), shown
+            # the three tasks of params.yaml print on nine pages: what is folded is not printed
+            assert 2 <= page.printed_pages() <= 4
             page.ask("document.querySelectorAll('details').forEach(one => { one.open = true })")
             text = page.ask("document.body.innerText")
             for words in ("What to be careful about", "Boltzmann", "cut & <b>off.mcap", "person-2", "theta_values"):
                 assert words in text, words
             assert page.ask("document.documentElement.scrollWidth <= innerWidth"), f"wider than a screen of {width}"
+        assert page.printed_pages() > 4, "what is unfolded is printed"
         assert [address for address in page.requests if not address.startswith(("file:", "data:"))] == []
         with socket.create_server(("127.0.0.1", 0)) as listener:
             listener.setblocking(False)

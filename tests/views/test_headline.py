@@ -31,7 +31,9 @@ def summary(**largest: float) -> pl.DataFrame:
 
 def test_a_task_in_a_few_numbers() -> None:
     table = summary(**{"independent": 0.123456789, "sampler-shift": np.inf, "known-density": 1.0})
-    numbers = task_headline({"less": BELIEF}, LABELS, HELD_OUT, table, (2, 1), fits(True))
+    numbers = task_headline(
+        {"less": BELIEF}, LABELS, HELD_OUT, table, (2, 1), fits(True), pairs=summary(independent=0.25)
+    )
     assert numbers["recordings"] == {"used": 2, "rejected": 1}
     assert numbers["less"] == {
         "best": "a + ½ b",
@@ -41,6 +43,7 @@ def test_a_task_in_a_few_numbers() -> None:
         "entropy": pytest.approx(-(0.25 * np.log(0.25) + 0.75 * np.log(0.75)), rel=1e-5),
         "held_out": -3.0,
         "kl_aggregate": {"independent": 0.123457, "sampler-shift": "inf"},
+        "kl_per_pair": {"independent": 0.25},
     }
 
 

@@ -160,8 +160,8 @@ def regions_figure(
     )  # fmt: skip
     for ax in (left, right):
         ax.plot(
-            demonstrations[:, 0], demonstrations[:, 1], "D", markersize=3.5, color=color(palette.DEMONSTRATION),
-            markeredgecolor="white", markeredgewidth=0.5, label="demonstrations",
+            demonstrations[:, 0], demonstrations[:, 1], "D", markersize=3.5, color="white", markeredgecolor=INK,
+            markeredgewidth=0.7, label="demonstrations",
         )  # fmt: skip
         ax.set_xlabel(axes_labels[0])
     left.set_ylabel(axes_labels[1])

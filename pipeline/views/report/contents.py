@@ -17,7 +17,19 @@ from pipeline.formats.mcap.rejection_reasons import SET_ASIDE
 from pipeline.studies.support import beyond, chance_notes, edge_sentence
 from pipeline.views.figures.captions import FURTHER_FIGURES, STUDY_FIGURES, TASK_FIGURES
 from pipeline.views.findings import findings
-from pipeline.views.report.html import Answer, Folded, Part, Picture, Points, Report, Section, Table, Text, Verbatim
+from pipeline.views.report.html import (
+    Answer,
+    Folded,
+    Part,
+    Picture,
+    Points,
+    Report,
+    Section,
+    Table,
+    Text,
+    Verbatim,
+    Words,
+)
 from pipeline.views.task_summary import theta_labels, theta_meaning
 from pipeline.vocabulary import ALL, EXPLORED, INDEPENDENT, SAMPLER_SHIFT, STUDIES, WORKING, model_name
 from pipeline.workspace.project import Project
@@ -26,16 +38,18 @@ LIBRARIES = ("mujoco", "numpy", "scipy", "finufft", "polars", "duckdb", "matplot
 _HASH_DIGITS = 16
 FIRST_FIGURES = ("scene", "posterior", "predicted", "ten_posteriors")  # of a task; the others wait behind a click
 WORDS = {
-    "alternative": "a trajectory that a person could have chosen instead",
-    "feature": "a number about a trajectory that people may care about, such as its height over the table",
-    "weight": "how much more probable a choice becomes with more of a feature: in nats over the feature's range among "
+    "alternatives": "a trajectory that a person could have chosen instead",
+    "features": "a number about a trajectory that people may care about, such as its height over the table",
+    "weights": "how much more probable a choice becomes with more of a feature: in nats over the feature's range among "
     "the alternatives; a cost is negative",
-    "theta and beta": "the direction of the weights, and their length: what people want, and how decided they are",
+    "theta": "the direction of the weights: what people want",
+    "beta": "the length of the weights: how decided people are",
     "Boltzmann": "the model in which every alternative counts as one option",
     "LESS": "the model in which an alternative counts by how few others are like it",
     "posterior": "the probability of weights after the demonstrations were seen",
-    "KLAggregate": "how much posteriors from different sets of alternatives differ; 0 if they are the same",
-    "held out": "predicted from the other demonstrations",
+    "KLAggregate": "how much posteriors from different sets of alternatives differ; 0 if they are the same. The "
+    "paper's is the sum over all ordered pairs of sets; here it is their mean, which does not grow with their number",
+    "held-out": "predicted from the other demonstrations",
     "nat": "the unit of logarithms of probabilities; a difference of 2.3 is a factor of ten",
 }
 BEST = """select task, demonstration_id, participant, model, set_id, arg_max(theta_id, posterior) as theta_id
@@ -75,7 +89,7 @@ def report(project: Project) -> Report:
     if pictures := _pictures(project, STUDIES, STUDY_FIGURES):
         sections.append(Section("Studies", [Folded("figures of the studies", pictures)]))
     sections += [
-        Section("Words", [Points([f"{word}: {meaning}" for word, meaning in WORDS.items()])], folded=True),
+        Section("Words", [Words(WORDS)], folded=True),
         Section("Made with", _versions(project, answers, tasks), folded=True),
         Section("Parameters", _parameters(project), folded=True),
     ]
@@ -128,23 +142,23 @@ def _told(answers: _Answers, tasks: Sequence[str]) -> list[Part]:
 def _headline(tasks: Sequence[str], headline: Mapping[str, Mapping[str, Any]]) -> list[Part]:
     header = (
         "task", "model", "what they want", "P(theta)", "beta", "entropy (nat)", "held-out (nat)",
-        "KLAggregate, one sampler", "KLAggregate, different samplers",
+        "KLAggregate per pair, one sampler", "KLAggregate per pair, different samplers",
     )  # fmt: skip
     rows = []
     for task in tasks:
         for model, model_numbers in headline[task].items():
             if model == "recordings":
                 continue
-            divergence = model_numbers.get("kl_aggregate", {})
+            divergence = model_numbers.get("kl_per_pair", {})
             numbers = [model_numbers[name] for name in ("best", "posterior", "beta", "entropy")]
             spread = [divergence.get(regime) for regime in (INDEPENDENT, SAMPLER_SHIFT)]
             rows.append([task, model_name(model), *numbers, model_numbers.get("held_out"), *spread])
     caption = (
         "What all demonstrations of a task together say. P(theta): probability of the most probable weights, summed "
         "over beta. Beta: the most probable one with these weights. Entropy: of the posterior over weights; 0 is "
-        "certainty. "
-        "Held-out: mean log probability of a demonstration, predicted from the others. KLAggregate: how far posteriors "
-        "of one demonstration from ten sets of alternatives are apart (median, largest sets); lower is more robust."
+        "certainty. The held-out score: mean log probability of a demonstration, predicted from the others. "
+        "KLAggregate: how far the posteriors of one demonstration from two sets of alternatives are apart (nat; median "
+        "over participants, largest sets); lower is more robust."
     )
     return [Table(caption, header, rows)] if rows else [Text("No task has a posterior yet.")]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -13,6 +13,7 @@ from pipeline.formats.files.atomic import written_whole
 
 _POINT_PX = 4 / 3  # pixels per point
 _SMALL_PX = 400  # pictures below this width stand side by side
+_WITHOUT_LINKS = {"a", "h2", "pre", "summary", "dt", "td"}
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 _STYLE = """
 :root { color-scheme: light; }
@@ -30,6 +31,9 @@ li { margin: .3rem 0; }
 .answer { border-left: 4px solid #0072b2; padding: .1rem 0 .1rem 1rem; margin: 1rem 0; break-inside: avoid; }
 .answer .head { font-weight: 600; }
 .answer ul { margin: .2rem 0; }
+a.word { color: inherit; text-decoration: underline dotted; }
+dt { font-weight: 600; float: left; clear: left; margin-right: .5rem; }
+dd { margin: 0 0 .3rem; max-width: 46rem; }
 summary { cursor: pointer; color: #0072b2; }
 figure, .table { margin: 1.25rem 0; }
 figcaption, caption { color: #444; font-size: .9rem; text-align: left; max-width: 46rem; }
@@ -129,6 +133,13 @@ class Answer:
 
 
 @dataclass(frozen=True)
+class Words:
+    """What words of the report mean. Where one stands first in a section, it leads here."""
+
+    meanings: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class Folded:
     """Parts that are shown once their summary is clicked at, and not printed otherwise."""
 
@@ -136,7 +147,7 @@ class Folded:
     parts: Sequence[Part]
 
 
-Part = Text | Points | Table | Picture | Verbatim | Answer | Folded
+Part = Text | Points | Table | Picture | Verbatim | Answer | Words | Folded
 
 
 @dataclass(frozen=True)
@@ -175,6 +186,7 @@ def write_report(path: Path, report: Report) -> int:
 def render(report: Report) -> str:
     """The page. All text in the report is escaped, and a content policy keeps the page from loading anything."""
     sections = list(enumerate(report.sections, start=1))
+    words = [word for section in report.sections for word in _words(section.parts)]
     links = "\n".join(f'<a href="#part-{number}">{escape(section.title)}</a>' for number, section in sections)
     return "\n".join(
         [
@@ -184,10 +196,51 @@ def render(report: Report) -> str:
             f"<title>{escape(report.title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>",
             f'<header>\n<h1>{escape(report.title)}</h1>\n<p class="lead">{escape(report.lead)}</p>\n</header>',
             f"<nav>\n{links}\n</nav>\n<main>",
-            *(_section(number, section) for number, section in sections),
+            *(_linked(_section(number, section), words) for number, section in sections),
             "</main>\n</body>\n</html>\n",
         ]
     )
+
+
+def _words(parts: Sequence[Part]) -> list[str]:
+    """The words that a part explains."""
+    found: list[str] = []
+    for part in parts:
+        if isinstance(part, Words):
+            found += part.meanings
+        elif isinstance(part, Folded):
+            found += _words(part.parts)
+    return found
+
+
+def _anchor(word: str) -> str:
+    return "word-" + re.sub(r"\W+", "-", word.lower())
+
+
+def _linked(section: str, words: Sequence[str]) -> str:
+    """The section with a link where each word stands first in its text; text is escaped, so that tags are tags."""
+    if not words:
+        return section
+    either = "|".join(re.escape(escape(word)) for word in sorted(words, key=len, reverse=True))
+    pattern = re.compile(rf"(?<![\w-])({either})(?![\w-]|s[\w-])")
+    known = {escape(word): _anchor(word) for word in words}
+    linked: set[str] = set()
+
+    def link(match: re.Match[str]) -> str:
+        word = match[1]
+        if word in linked:
+            return word
+        linked.add(word)
+        return f'<a class="word" href="#{known[word]}">{word}</a>'
+
+    pieces, inside = re.split(r"(<[^>]*>)", section), 0
+    for place, piece in enumerate(pieces):
+        if piece.startswith("<"):
+            tag = piece.strip("</>").split(" ")[0]
+            inside += (tag in _WITHOUT_LINKS) * (-1 if piece.startswith("</") else 1)
+        elif not inside:
+            pieces[place] = pattern.sub(link, piece)
+    return "".join(pieces)
 
 
 def _section(number: int, section: Section) -> str:
@@ -213,7 +266,7 @@ def _parts(parts: Sequence[Part]) -> list[str]:
     return lines
 
 
-def _part(part: Text | Points | Table | Verbatim | Answer | Folded) -> str:
+def _part(part: Text | Points | Table | Verbatim | Answer | Words | Folded) -> str:
     match part:
         case Text(words):
             return f"<p>{escape(words)}</p>"
@@ -223,6 +276,12 @@ def _part(part: Text | Points | Table | Verbatim | Answer | Folded) -> str:
             return _table(part)
         case Verbatim(words):
             return f"<pre>{escape(words)}</pre>"
+        case Words(meanings):
+            lines = [
+                f'<dt id="{_anchor(word)}">{escape(word)}</dt>\n<dd>{escape(meaning)}</dd>\n'
+                for word, meaning in meanings.items()
+            ]
+            return f"<dl>\n{''.join(lines)}</dl>"
         case Folded(summary, inner):
             return "\n".join([f"<details>\n<summary>{escape(summary)}</summary>", *_parts(inner), "</details>"])
         case Answer(head, preferences, trust, reasons):

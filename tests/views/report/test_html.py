@@ -8,7 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.views.report.html import Picture, Points, Report, Section, Table, Text, Verbatim, render, write_report
+from pipeline.views.report.html import (
+    Folded,
+    Picture,
+    Points,
+    Report,
+    Section,
+    Table,
+    Text,
+    Verbatim,
+    Words,
+    render,
+    write_report,
+)
 
 EVIL = '<script>alert("1")</script>&amp;\'"><img src=http://example.org/x onerror=a()>'
 SMALL = b'<svg width="240pt" height="90pt"><script>a()</script></svg>'
@@ -79,3 +91,30 @@ def test_the_same_report_gives_the_same_bytes(tmp_path: Path) -> None:
     first, second = ((tmp_path / name).read_bytes() for name in ("a.html", "b.html"))
     assert first == second
     assert sizes == [len(first)] * 2
+
+
+def test_words_lead_to_their_meaning_where_they_stand_first() -> None:
+    sections = [
+        Section(
+            "LESS", [Text("less of it; LESS and LESS"), Points(["a held-out score", "unheld-out"]), Verbatim("LESS")]
+        ),
+        Section("again", [Table("LESS <b>", ("theta", "n"), [["theta", 1]])]),
+        Section("Words", [Words({"LESS": "a model", "held-out": "not LESS", "theta": EVIL})], folded=True),
+    ]
+    page = render(Report("LESS", "LESS", sections))
+    first, second, last = page.split("<section")[1:]
+    assert 'less of it; <a class="word" href="#word-less">LESS</a> and LESS' in first
+    assert first.count('href="#word-less"') == 1
+    assert first.count('href="#word-held-out"') == 1
+    assert "unheld-out" in first
+    assert second.count('href="#word-less"') == second.count('href="#word-theta"') == 1
+    assert "LESS</a> &lt;b&gt;" in second
+    assert 'data-label="theta"' in second
+    targets = re.findall(r'<dt id="([^"]+)"', last)
+    assert targets == ["word-less", "word-held-out", "word-theta"]
+    assert "script" not in [tag for tag, _ in Elements(page).tags]
+
+
+def test_folded_words_are_found() -> None:
+    words = Folded("more", [Words({"nat": "a unit"})])
+    assert 'href="#word-nat"' in render(Report("r", "r", [Section("s", [Text("one nat"), words])]))
