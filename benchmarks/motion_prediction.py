@@ -1,9 +1,9 @@
-"""Is the rest of a motion predicted from its first half? `python -m benchmarks.motion_prediction table [--recordings
-FOLDER]`.
+"""Is the rest of a motion predicted from its first half? `python -m benchmarks.motion_prediction TASK`.
 
-Needs a finished project. Each person is predicted from the others' whole motions. `--recordings` names a folder of
-recordings by other people who moved from the task's start to its goal; otherwise the task's own demonstrations are
-used.
+Needs the tables of a finished run. Each person is predicted from the others' whole motions: the alternatives are made
+to begin as the person did, and each model says how probable each of them is then. `--overlay` names a file of
+parameters. Beside them stand two predictions without a model, going straight on to the goal and going on as the nearest other
+person, and all alternatives alike.
 """
 
 from __future__ import annotations
@@ -13,107 +13,99 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import polars as pl
 
-from benchmarks.explained import explain
 from benchmarks.measuring import show, timed
+from pipeline.answers.assessment import Case
 from pipeline.answers.motion_prediction import Forecast, ForecastScore, score_forecasts
+from pipeline.arrays import FloatArray
 from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.models import Model
 from pipeline.choice.prediction import predictive
-from pipeline.choice.weights import Choices, WeightDraws, sample_group, sample_weights
-from pipeline.formats.mcap.joint_states import read_joint_states
-from pipeline.params.reading import load
+from pipeline.choice.weights import WeightDraws, sample_weights
+from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.replay import body_positions
-from pipeline.replay.scene import load_scene
+from pipeline.stages.answer import case_of
 from pipeline.trajectories.continuation import nearest, prefix_log_kernel, spliced, straight_on
-from pipeline.trajectories.timebase import moving_part
+from pipeline.workspace.choice_sets import Chosen, choice_tables, read_choices
+from pipeline.workspace.project import find_project
+from pipeline.workspace.scenes import load_task_scene
+
+BEGUN_RAD = 0.2  # how alike motions begin that go on alike
+CELLS = 2000  # of an explored space, evenly chosen
 
 
 @dataclass(frozen=True)
 class Data:
-    """Alternatives and people of a task, as waypoints and scaled features."""
+    """A task's demonstrations and what they were chosen from."""
 
     features: FeatureSet
-    scale: np.ndarray
-    alternatives: np.ndarray
-    people: np.ndarray
+    chosen: Chosen
+    case: Case
 
-    def phi(self, waypoints: np.ndarray) -> np.ndarray:
-        return self.features.evaluate(waypoints) / self.scale
+    @property
+    def people(self) -> FloatArray:
+        return np.asarray(self.chosen.people["waypoints"].to_numpy().astype(np.float64))
 
-    def end_effector(self, waypoints: np.ndarray) -> np.ndarray:
+    def phi(self, waypoints: FloatArray) -> FloatArray:
+        return np.asarray(self.features.evaluate(waypoints) / self.chosen.scale)
+
+    def end_effector(self, waypoints: FloatArray) -> FloatArray:
         scene = self.features.scene
         return body_positions(scene, waypoints, [scene.end_effector])[scene.end_effector]
 
 
-def read(datasets: Path, task: str, recordings: Path | None) -> Data:
-    params = load(Path("params.yaml"))
-    settings = params.task(task)
-    scene = load_scene(settings.scene, end_effector=settings.end_effector, joints=settings.joints)
-    features = bind_features(scene, settings.features)
-    there = pl.read_parquet(datasets / task / "alternatives.parquet").filter(pl.col("set_id") == "working")
-    scale = pl.read_parquet(datasets / task / "scales.parquet")["scale"].to_numpy()
-    alternatives = there["waypoints"].to_numpy().astype(np.float64)
-    if recordings is None:
-        people = pl.read_parquet(datasets / task / "demonstrations.parquet")["waypoints"].to_numpy()
-    else:
-        continuous = ~np.isfinite(scene.lower)
-        found = [read_joint_states(path, joints=scene.joints) for path in sorted(recordings.glob("*.mcap"))]
-        people = np.stack(
-            [
-                moving_part((one.time_ns - one.time_ns[0]) / 1e9, one.positions, continuous).waypoints(
-                    scene.start, continuous, alternatives.shape[1]
-                )
-                for one in found
-            ]
-        )
-    return Data(features, scale, alternatives, people)
+def read(task: str, overlay: Path | None) -> Data:
+    project = find_project(Path.cwd(), overlay)
+    settings = project.params.task(task)
+    with TaskTables(choice_tables(project, task)) as tables:
+        chosen = read_choices(tables)
+    specs = {name: dict(settings.features[name]) for name in chosen.features}
+    return Data(bind_features(load_task_scene(project, settings), specs), chosen, case_of(chosen))
 
 
-def posterior(data: Data, model: Model, others: list[int], together: bool) -> WeightDraws:
-    """What is thought of a new person, from the others."""
-    rng, phi = np.random.default_rng(1), data.phi(data.alternatives)
-    choices = Choices.outside(model, data.phi(data.people[others]), phi)
-    if together:
-        return sample_weights(rng, choices)
-    return sample_group(rng, [choices.subset([row]) for row in range(len(others))], count=512).next_person(rng)
+def posterior(case: Case, model: Model, left_out: list[int]) -> WeightDraws:
+    """What is thought of a new person, from all demonstrations but some."""
+    others = [row for row in range(len(case.demonstrations)) if row not in left_out]
+    return sample_weights(np.random.default_rng(1), case.considered(model).subset(others), count=512)
 
 
 def forecasts(data: Data, half: int) -> dict[str, list[Forecast]]:
-    everyone = range(len(data.people))
-    paths = data.end_effector(data.people)
-    found: dict[str, list[Forecast]] = {}
-    goal = data.alternatives[0, -1]
-    for person in everyone:
-        others = [other for other in everyone if other != person]
-        seen, actual = data.people[person, : half + 1], paths[person, half + 1 :]
+    everyone, who = data.people, data.chosen.people["participant"].to_list()
+    paths, found = data.end_effector(everyone), dict[str, list[Forecast]]()
+    spaces = {"set": Case(**{**vars(data.case), "space": None})}
+    if data.case.space is not None:
+        spaces["explored space"] = data.case
+    for person, motion in enumerate(everyone):
+        same = [row for row, name in enumerate(who) if name == who[person]]
+        others = [row for row in range(len(everyone)) if row not in same]
+        seen, actual = motion[: half + 1], paths[person, half + 1 :]
+        own = data.chosen.set_of(person).waypoints
 
-        def rest(waypoints: np.ndarray) -> np.ndarray:
+        def rest(waypoints: FloatArray) -> FloatArray:
             return data.end_effector(waypoints)[:, half + 1 :]
 
-        line = straight_on(seen, goal, data.people.shape[1])
-        found.setdefault("straight on", []).append(Forecast.single(rest(line[None])[0], actual))
-        near = data.people[others][nearest(seen, data.people[others])][None]
-        found.setdefault("nearest person", []).append(Forecast.single(rest(spliced(seen, near))[0], actual))
-        near = data.alternatives[nearest(seen, data.alternatives)][None]
-        found.setdefault("nearest alternative", []).append(Forecast.single(rest(spliced(seen, near))[0], actual))
-        ways = spliced(seen, data.alternatives)
-        phi, positions = data.phi(ways), rest(ways)
-        alike = np.full(len(ways), 1 / len(ways))
-        found.setdefault("all alternatives alike", []).append(Forecast(positions, alike, actual))
-        momentum = prefix_log_kernel(seen, data.alternatives, 0.2)
-        for model in (Boltzmann(), LESS()):
-            log_w = model.weigh(phi).log_w
-            for together in (True, False):
-                draws = posterior(data, model, others, together)
-                label = f"{model.name}, {'all as one' if together else 'a group'}"
-                p = predictive(phi, log_w, draws.omega, draws.weight)
-                found.setdefault(label, []).append(Forecast(positions, p, actual))
-                if together:
-                    p = predictive(phi, log_w + momentum, draws.omega, draws.weight)
-                    found.setdefault(f"{label}, begun alike", []).append(Forecast(positions, p, actual))
+        def add(label: str, positions: FloatArray, p: FloatArray, actual: FloatArray = actual) -> None:
+            found.setdefault(label, []).append(Forecast(positions, p, actual))
+
+        line = straight_on(seen, own[0, -1], motion.shape[0])
+        add("straight on", rest(line[None]), np.ones(1))
+        near = everyone[others][nearest(seen, everyone[others])][None]
+        add("nearest other person", rest(spliced(seen, near)), np.ones(1))
+        ways = spliced(seen, own)
+        add("all alternatives alike", rest(ways), np.full(len(ways), 1 / len(ways)))
+        for label, case in spaces.items():
+            if case.space is not None and data.chosen.space_waypoints is not None:
+                own = data.chosen.space_waypoints[:: -(-len(data.chosen.space_waypoints) // CELLS)]
+                ways = spliced(seen, own)
+            phi, positions = data.phi(ways), rest(ways)
+            begun = prefix_log_kernel(seen, own, BEGUN_RAD)
+            for model in (Boltzmann(), LESS()):
+                if case.space is not None and model.name != LESS.name:
+                    continue  # the map's trajectories stand for volumes of features, not for Boltzmann's base measure
+                draws = posterior(case, model, same)
+                log_w = model.weigh(phi).log_w + begun
+                add(f"{model.name}, {label}", positions, predictive(phi, log_w, draws.omega, draws.weight))
     return found
 
 
@@ -131,21 +123,21 @@ def row(label: str, score: ForecastScore, base: ForecastScore) -> tuple[str, ...
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
-    parser.add_argument("--datasets", type=Path, default=Path("datasets"))
-    parser.add_argument("--recordings", type=Path)
+    parser.add_argument("--overlay", type=Path)
     options = parser.parse_args()
-    data = read(options.datasets, options.task, options.recordings)
+    data = read(options.task, options.overlay)
     half = (data.people.shape[1] - 1) // 2
     took, found = timed(forecasts, data, half)
     scores = {label: score_forecasts(some) for label, some in found.items()}
+    lead = scores["less, set"].log_score - scores["boltzmann, set"].log_score
     columns = ("prediction", "error", "log score per waypoint", "more than straight on")
     show(
-        f"{options.task}: the second half of {len(data.people)} people's motions ({took:.0f} s)",
+        f"{options.task}: the second half of {len(data.people)} motions ({took:.0f} s)",
         columns,
         [row(label, score, scores["straight on"]) for label, score in scores.items()],
     )
+    print(f"LESS beyond Boltzmann: {lead.mean():+.2f} ± {lead.std(ddof=1) / np.sqrt(len(lead)):.2f} nat per waypoint")
 
 
 if __name__ == "__main__":
-    explain(__doc__)
     main()
