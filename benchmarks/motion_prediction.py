@@ -2,8 +2,8 @@
 
 Needs the tables of a finished run. Each person is predicted from the others' whole motions: the alternatives are made
 to begin as the person did, and each model says how probable each of them is then. `--overlay` names a file of
-parameters. Beside them stand two predictions without a model, going straight on to the goal and going on as the nearest other
-person, and all alternatives alike.
+parameters. Beside them stand two predictions without a model, going straight on to the goal and going on as the nearest
+other person, and all alternatives alike.
 """
 
 from __future__ import annotations
