@@ -205,7 +205,7 @@ def _layout(beginning: Beginning) -> rrb.Blueprint:
     above = rrb.Horizontal(
         scene_view(poses, in_picture, (), paths.reshape(-1, 3)),
         page_view("posterior", name, bounds_of_any(models, len(beginning.theta_labels))),
-        column_shares=[9, 11],
+        column_shares=[8, 12],
     )
     below = rrb.Horizontal(
         motion_views(beginning.axes, beginning.joints, beginning.joint_units, None),

@@ -89,4 +89,4 @@ def log_posteriors(recording: rr.RecordingStream, inspection: Inspection) -> Non
 
 def _chart(models: Iterable[str], full: float) -> BarChart:
     """Names and numbers stay readable where the view is half as wide as the page."""
-    return BarChart("posterior", tuple(models), full, names_width=320.0, columns_width=420.0, row=34.0)
+    return BarChart("posterior", tuple(models), full, names_width=390.0, columns_width=400.0, row=34.0)
