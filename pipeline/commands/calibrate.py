@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.answers.calibration import LEVEL, Calibration, calibrate
+from pipeline.answers.calibration import LEVEL, Calibration, calibrate, calibrate_over
 from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.models import Model
 from pipeline.errors import StageError
@@ -51,22 +50,34 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
     with TaskTables(choice_tables(project, name)) as tables:
         tables.check()
         chosen = read_choices(tables)
-    own = chosen.sets[TASK_ANCHOR]
-    models: Mapping[str, Model] = {LESS.name: LESS(own.bandwidth), Boltzmann.name: Boltzmann()}
     count = wanted.demonstrations or len(chosen.people)
     rng = child_rng(project.params.seed, "calibrate", count)
-    found = calibrate(rng, dict(models), own.raw / chosen.scale, count, wanted.repetitions)
-    for line in lines(name, found, count, len(own.raw)):
+    if chosen.space is not None:
+        found = calibrate_over(rng, chosen.space, count, wanted.repetitions)
+        what = "who choose from one exploration of the choice space and are inferred with another"
+    else:
+        own = chosen.sets[TASK_ANCHOR]
+        models: dict[str, Model] = {LESS.name: LESS(own.bandwidth), Boltzmann.name: Boltzmann()}
+        found = calibrate(rng, models, own.raw / chosen.scale, count, wanted.repetitions)
+        what = f"who choose from {len(own.raw):,} alternatives"
+    for line in lines(name, found, count, what):
         say(line)
 
 
-def lines(name: str, found: Calibration, demonstrations: int, alternatives: int) -> list[str]:
-    """What a calibration says, in words."""
+def lines(name: str, found: Calibration, demonstrations: int, what: str) -> list[str]:
+    """What a calibration says, in words.
+
+    Args:
+        name: of the task.
+        found: the calibration.
+        demonstrations: of each repetition.
+        what: people choose from, and are inferred with.
+    """
     labels = list(dict.fromkeys(chosen_by for chosen_by, _ in found.recoveries))
     repetitions = len(found.recoveries[labels[0], labels[0]].angle)
+    counted = f"{demonstrations} demonstration" + ("s" if demonstrations != 1 else "")
     said = [
-        f"{name}: {repetitions} simulated repetitions for each model, {demonstrations} demonstrations by one person "
-        f"whose weights are drawn from the prior, {alternatives:,} alternatives"
+        f"{name}: {repetitions} simulated people for each model, {what}; {counted} each, weights drawn from the prior"
     ]
     for label, other in zip(labels, reversed(labels), strict=True):
         told, own = found.comparison(label, other), found.recoveries[label, label]
@@ -85,7 +96,7 @@ def lines(name: str, found: Calibration, demonstrations: int, alternatives: int)
         ]
     verdict = min(found.comparison(label, other).told(ODDS) for label, other in zip(labels, labels[::-1], strict=True))
     can = "would" if verdict >= 0.5 else "would rarely" if verdict < 0.25 else "would sometimes"
-    said.append(f"so {demonstrations} demonstrations {can} tell {' from '.join(map(model_name, labels))}")
+    said.append(f"so {counted} {can} tell {' from '.join(map(model_name, labels))}")
     return said
 
 

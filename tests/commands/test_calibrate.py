@@ -25,13 +25,13 @@ def test_what_three_demonstrations_would_tell(
     capsys.readouterr()
     run(project, "sweep", Wanted(None, 12))
     said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("sweep: 12 simulated repetitions for each model, 3 demonstrations")
+    assert said[0].startswith("sweep: 12 simulated people for each model, who choose from 30 alternatives; 3 demonstr")
     assert [line for line in said if line.startswith("if people")] == [
         "if people choose by LESS:", "if people choose by Boltzmann:",
     ]  # fmt: skip
     assert said[-1].startswith("so 3 demonstrations would")
     run(project, "sweep", Wanted(1, 2))
-    assert "1 demonstrations by one person" in capsys.readouterr().out
+    assert "; 1 demonstration each" in capsys.readouterr().out
 
 
 def test_alternatives_of_one_demonstration_each(make_project: Make, parameters: dict[str, Any]) -> None:

@@ -14,7 +14,7 @@ from pipeline.answers.tables import answer_lines, group_of
 from pipeline.commands import answer as command
 from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import read_table
-from pipeline.stages import answer, density, featurize, ingest, sample
+from pipeline.stages import answer, density, explore, featurize, ingest, sample
 from pipeline.stages.registry import stage
 from pipeline.workspace.project import Project
 
@@ -125,3 +125,25 @@ def test_the_answer_is_said_after_inference_if_it_rests_on_the_same_tables(
     project.table("sweep", "answers").unlink()
     command.after_inference(project, "sweep")
     assert "lessbench conclude sweep" in capsys.readouterr().err
+
+
+def test_over_an_explored_space(make_project: Make, parameters: dict[str, Any]) -> None:
+    """People chose from the space: its trajectories are predicted, no sampler is asked, sampled sets do not matter."""
+    project = answered(make_project, parameters)
+    explore.run(project, "sweep")
+    answer.run(project, "sweep")
+    rows = table(project, "answers")
+    assert "samplers" not in set(rows["line"])
+    assert rows.filter(line="explorations")["outcome"].item() != "not checked"
+
+    likely, space = table(project, "likely_paths"), table(project, "explored").filter(model="less")
+    known = {tuple(path) for path in space["waypoints"].to_numpy().reshape(space.height, -1)}
+    shown = likely["waypoints"].to_numpy()
+    assert {tuple(path) for path in shown.reshape(len(shown), -1)} <= known
+    assert set(likely["model"]) == {"less", "boltzmann"}
+    covered = space["features"].to_numpy()[:, 0] * table(project, "scales")["scale"][0]
+    predicted = table(project, "predictions").filter(feature="effort")
+    assert predicted["low"].min() >= covered.min()
+    assert predicted["high"].max() <= covered.max()
+
+    assert table(project, "weights").filter(model="less", kind="group").height >= 100

@@ -68,7 +68,7 @@ def _people_page(inspection: Inspection) -> rrb.Container:
     motions, longest_s = inspection.motions, float((inspection.end_s - inspection.start_s).max())
     below = rrb.Horizontal(
         motion_views(motions.axes, motions.joints, motions.joint_units, longest_s),
-        belief_views(inspection.posteriors),
+        belief_views(inspection.posteriors, len(inspection.theta_labels)),
         text_view(),
         column_shares=[10, 10, 11],
     )
@@ -191,7 +191,7 @@ def _beyond(outward: FloatArray) -> FloatArray:
 
 
 def _posterior_view(inspection: Inspection) -> rrb.Spatial2DView:
-    name = f"Posterior over {inspection.theta_meaning} (bar: so far, white line: after all)"
+    name = f"Posterior: {inspection.theta_meaning} (line: after all)"
     return page_view("posterior", name, posterior_view.page(inspection).bounds)
 
 

@@ -12,7 +12,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from pipeline.views import palette
-from pipeline.views.hypothesis_rows import rows_that_matter
 from pipeline.views.rerun.density import log_map, log_map_points
 from pipeline.views.rerun.labels import drawable, part
 from pipeline.views.rerun.layout import map_view, page_view, scene_view, text_view
@@ -29,9 +28,10 @@ from pipeline.views.rerun.scene import (
     moving_bodies,
 )
 from pipeline.views.rerun.series import (
-    MOST_LINES,
+    MOST_LINES_WATCHED,
     Lines,
     belief_views,
+    first_of,
     log_motion,
     log_motion_styles,
     motion_views,
@@ -177,8 +177,8 @@ class Watched:
         at(self._recording, self._end_s, self._step)
         log_now(self._recording, self._beginning.theta_labels, belief.posteriors, belief.truth)
         if self._step:  # before, no hypothesis is ahead of another
-            first = rows_that_matter(belief.posteriors, belief.truth).order[:MOST_LINES]
-            self._lines.log(belief.posteriors, [int(k) for k in first])
+            now = {model: first_of(posterior, MOST_LINES_WATCHED) for model, posterior in belief.posteriors.items()}
+            self._lines.log(belief.posteriors, now)
         text = rr.TextDocument(drawable(belief.summary), media_type=rr.MediaType.MARKDOWN)
         self._recording.log("summary", text)
         self._recording.reset_time()
@@ -201,7 +201,7 @@ def watched(path: Path, beginning: Beginning, *sinks: Any) -> Iterator[Watched]:
 def _layout(beginning: Beginning) -> rrb.Blueprint:
     poses, paths, models = beginning.poses, beginning.alternatives.paths, tuple(beginning.prior.posteriors)
     in_picture = np.concatenate([paths.reshape(-1, 3), poses.body_positions[:, 1:].reshape(-1, 3)])
-    name = f"Posterior over {beginning.theta_meaning}, after the demonstrations so far"
+    name = f"Posterior: {beginning.theta_meaning}, after the demonstrations so far"
     above = rrb.Horizontal(
         scene_view(poses, in_picture, (), paths.reshape(-1, 3)),
         page_view("posterior", name, bounds_of_any(models, len(beginning.theta_labels))),
@@ -209,7 +209,7 @@ def _layout(beginning: Beginning) -> rrb.Blueprint:
     )
     below = rrb.Horizontal(
         motion_views(beginning.axes, beginning.joints, beginning.joint_units, None),
-        belief_views(models),
+        belief_views(models, len(beginning.theta_labels)),
         rrb.Tabs(text_view("Demonstrations so far"), map_view(beginning.map), active_tab=0),
         column_shares=[10, 10, 11],
     )

@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 JOINTS, FEATURES, BELIEF = "series/joints", "series/features", "series/belief"
 EACH = "each demonstration"  # under a feature, beside the demonstrations' names
 PLAUSIBLE = "plausible"  # under BELIEF, beside the models
+MOST_LINES_WATCHED = 2  # the same of each moment while people demonstrate, where more come in time
 MOST_LINES = 3  # hypotheses with a line in the plot of a model's belief
-COLORS = (  # the first three are as far apart in grey as on a screen; MOST_LINES are drawn where it is known which
+COLORS = (  # the first three are far apart in grey, too, and so are the next three
     palette.YELLOW,
     palette.SKY,
     palette.VERMILLION,
@@ -61,21 +62,22 @@ class Lines:
         """
         self._recording, self._labels, self._truth = recording, labels, truth
         self._drawn: dict[str, list[int]] = {}
+        self._places: dict[int, int] = {}  # of hypotheses, so that each looks the same under every model
 
-    def log(self, posteriors: Mapping[str, FloatArray], wanted: Iterable[int]) -> None:
+    def log(self, posteriors: Mapping[str, FloatArray], wanted: Mapping[str, Sequence[int]]) -> None:
         """Log the belief at the recording's present times.
 
         Args:
             posteriors: for each model, (K,) probabilities.
-            wanted: hypotheses that have a line from now on.
+            wanted: for each model, hypotheses that have a line from now on.
         """
-        models, wanted = tuple(posteriors), list(wanted)
+        models = tuple(posteriors)
         for place, (model, posterior) in enumerate(posteriors.items()):
             drawn = self._drawn.setdefault(model, [])
-            for k in wanted:
+            for k in wanted[model]:
                 if k not in drawn:
                     drawn.append(k)
-                    self._new(model, k, len(drawn) - 1)
+                    self._new(model, k)
             for k in drawn:
                 self._recording.log(_belief(model, k), rr.Scalars(float(posterior[k])))
             entity = _plausible(model)
@@ -87,12 +89,12 @@ class Lines:
                 )  # fmt: skip
             self._recording.log(entity, rr.Scalars(float(np.exp(entropy(posterior)))))
 
-    def _new(self, model: str, k: int, place: int) -> None:
+    def _new(self, model: str, k: int) -> None:
         entity, label = _belief(model, k), self._labels[k]
         if k == self._truth:
             _style(self._recording, entity, marked(label), TRUE, step=True, color=palette.WHITE)
         else:
-            _style(self._recording, entity, label, place, step=True)
+            _style(self._recording, entity, label, self._places.setdefault(k, len(self._places)), step=True)
 
 
 def log_series(recording: rr.RecordingStream, inspection: Inspection) -> None:
@@ -111,11 +113,15 @@ def log_series(recording: rr.RecordingStream, inspection: Inspection) -> None:
     recording.reset_time()
 
 
-def lines_of(inspection: Inspection) -> list[int]:
-    """The hypotheses with a line: those of the first rows of the chart of the posteriors, and the truth."""
-    rows = inspection.rows.order
-    first = [int(k) for k in rows[:MOST_LINES]]
-    truth = inspection.nearest_truth
+def lines_of(inspection: Inspection) -> dict[str, list[int]]:
+    """For each model the hypotheses with a line: those that it finds most probable in the end, and the truth."""
+    final = {model: steps[-1] for model, steps in inspection.posteriors.items()}
+    return {model: first_of(posterior, MOST_LINES, inspection.nearest_truth) for model, posterior in final.items()}
+
+
+def first_of(posterior: FloatArray, most: int, truth: int | None = None) -> list[int]:
+    """The most probable hypotheses, the first of them first, and the truth if it is known."""
+    first = [int(k) for k in np.argsort(-posterior, kind="stable")[:most]]
     return first if truth is None or truth in first else [*first, truth]
 
 
@@ -192,14 +198,16 @@ def motion_views(
     return rrb.Tabs(*views, active_tab=0)
 
 
-def belief_views(models: Iterable[str]) -> rrb.Tabs:
-    """A plot of each model's belief, and one of how many hypotheses are still plausible."""
+def belief_views(models: Iterable[str], hypotheses: int) -> rrb.Tabs:
+    """A plot of each model's belief, and one of how many of the hypotheses are still plausible."""
     models = list(models)
     views = [
         _plot(f"{BELIEF}/{part(model)}", f"P(theta), {model_name(model)}", legend=True, y=(-0.02, 1.02), contents=None)
         for model in models
     ]
-    plausible = _plot(f"{BELIEF}/{PLAUSIBLE}", "Thetas still plausible", legend=True, corner="RightTop")
+    plausible = _plot(
+        f"{BELIEF}/{PLAUSIBLE}", "Thetas still plausible", legend=True, corner="RightTop", y=(0.0, 1.05 * hypotheses)
+    )
     return rrb.Tabs(*views, plausible, active_tab=len(views) - 1)
 
 
