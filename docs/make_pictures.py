@@ -46,15 +46,15 @@ PICTURES = {
 }
 
 
-VIEWS = {  # and the second of the replay, where it is not the one that it opens with
-    "table.png": ("table/inspect.rrd", 47.0),
-    "studies.png": ("studies/inspect.rrd", None),
-    "watch.png": ("table/watch/inspect.rrd", None),
+SIZE, WIDE = "1120x800", "1600x1000"  # of the viewer's window; GitHub shows pictures 830 pixels wide
+VIEWS = {  # with the second of the replay, where it is not the one that it opens with
+    "table.png": ("table/inspect.rrd", 47.0, SIZE),
+    "studies.png": ("studies/inspect.rrd", None, WIDE),
+    "watch.png": ("table/watch/inspect.rrd", None, SIZE),
 }
 MOVING, FRAMES, FRAME_MS = "table.gif", 12, 700
 """The short moving picture of the README: how many moments of the replay of the task `table` it has."""
-SIZE = "1120x800"  # of the viewer's window: GitHub shows pictures 830 pixels wide, and text must be read there
-UPPER = (0, 66, 1120, 487)  # of such a window: the scene and the posterior
+UPPER = (0, 66, 1120, 487)  # of a window of SIZE: the scene and the posterior
 WATCHED = 3  # recordings of the task `table`, for the picture of `lessbench watch`
 REPORT, REPORT_SIZE = "report.png", "1100,1500"
 TARGET = ROOT / "docs" / "pictures"
@@ -68,9 +68,9 @@ def main() -> None:
     draw_less(TARGET / "less.png")
     run(Project(ROOT), None, "table", Until(demonstrations=WATCHED), None)
     missing = []
-    for name, (recording, time_s) in VIEWS.items():
+    for name, (recording, time_s, size) in VIEWS.items():
         try:
-            take_picture(ROOT / "datasets" / recording, TARGET / name, time_s, SIZE)
+            take_picture(ROOT / "datasets" / recording, TARGET / name, time_s, size)
         except RuntimeError as error:
             missing.append(f"{name}: {error}")
     try:
