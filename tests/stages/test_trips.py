@@ -53,4 +53,4 @@ def test_from_four_files_to_the_page(
     assert "Sets of 6 draws of fast: better than corrected Boltzmann are" in page
     assert f"{tables['trips_exact']['log_likelihood'][0]:.4f} at the estimates" in page
     figures = {path.name for path in (project.root / "datasets/studies/trips_figures").iterdir()}
-    assert figures == {f"{name}.{kind}" for name in ("routes", "samplers", "scores") for kind in ("png", "svg")}
+    assert figures == {f"{name}.{kind}" for name in ("routes", "samplers", "scores") for kind in ("pdf", "png", "svg")}

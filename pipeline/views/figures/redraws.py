@@ -120,7 +120,8 @@ def _lines(ax: Axes, leads: pl.DataFrame, models: Sequence[str]) -> None:
         rows = leads.filter(model=model).sort("set_size")
         x = rows["set_size"].to_numpy() * 1.08 ** (place - (len(models) - 1) / 2)
         shade = model_color(LESS, (LESS,)) if model == LESS else color((palette.GREEN, palette.PINK)[place % 2])
-        ax.plot(x, rows["value"], "o", color=shade, markersize=2.6, linestyle=styles.get(place, "-"),
+        mark = MARKERS[place % len(MARKERS)]
+        ax.plot(x, rows["value"], mark, color=shade, markersize=2.6, linestyle=styles.get(place, "-"),
                 label=model_name(model))  # fmt: skip
         ax.vlines(x, rows["low"], rows["high"], color=shade, linewidth=0.8)
 

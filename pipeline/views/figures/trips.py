@@ -40,6 +40,7 @@ COLORS = {
     NESTED_LOGIT: (120, 120, 120),
     NESTED_CORRECTED: (120, 70, 30),
 }
+MARKERS = dict(zip(COLORS, "*vXoDsPd^<", strict=True))  # so that models differ in grey print too
 SHOWN = (RECURSIVE_LOGIT, BOLTZMANN, LESS)
 LEAST_SHARE = 0.005
 
@@ -64,8 +65,8 @@ def scores_figure(scores: pl.DataFrame) -> Figure:
                 [middle - rows["difference_lower"].to_numpy(), rows["difference_upper"].to_numpy() - middle]
             )
             ax.errorbar(
-                rows["set_size"].to_numpy() * spread, middle, reach, color=color(COLORS[model]), marker="o",
-                markersize=2.5, linewidth=0.9, elinewidth=0.7, label=MODELS[model],
+                rows["set_size"].to_numpy() * spread, middle, reach, color=color(COLORS[model]), marker=MARKERS[model],
+                markersize=3, linewidth=0.9, elinewidth=0.7, label=MODELS[model],
             )  # fmt: skip
         ax.axhline(0, color=color(COLORS[BOLTZMANN_CORRECTED]), linewidth=0.8)
         ax.set_xscale("log")
@@ -92,8 +93,8 @@ def samplers_figure(angles: pl.DataFrame) -> Figure:
             rows = angles.filter(sampler=one, other_sampler=other, model=model).sort("set_size")
             if rows.height:
                 ax.plot(
-                    rows["set_size"], rows["angle_deg"], color=color(COLORS[model]), marker="o", markersize=2.5,
-                    label=MODELS[model],
+                    rows["set_size"], rows["angle_deg"], color=color(COLORS[model]), marker=MARKERS[model],
+                    markersize=3, label=MODELS[model],
                 )  # fmt: skip
         ax.set_xscale("log")
         ax.set_title(f"{one} and {other}")
