@@ -10,8 +10,8 @@ from pipeline.answers.words import Preference
 
 SOUND = Numbers(
     pareto_k=0.2, effective_draws=900, stated=2, cap_deg=15, models=0.3, explorations=0.2, samplers=0.3, bandwidths=0.1,
-    scales=0.1, prior=0.1, ends=0.02, outside=0.0, surprise=0.5, alternatives=120, disagreement=0.01, divided=0.01, coverage=0.9,
-    edge=0.1, remarks=0,
+    scales=0.1, prior=0.1, ends=0.02, outside=0.0, surprise=0.5, alternatives=120, disagreement=0.01, divided=0.01,
+    coverage=0.9, edge=0.1, remarks=0,
 )  # fmt: skip
 
 
