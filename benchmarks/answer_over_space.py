@@ -20,6 +20,7 @@ from pipeline.choice.weights import Choices, sample_group
 from pipeline.choice.weights.choices import SeparateChoices
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.stages.answer import case_of
+from pipeline.stages.registry import parameters
 from pipeline.workspace.choice_sets import choice_tables, read_choices
 from pipeline.workspace.project import find_project
 
@@ -28,7 +29,7 @@ def main() -> None:
     project = find_project(Path.cwd())
     for name in sys.argv[1:] or list(project.params.tasks):
         with TaskTables(choice_tables(project, name)) as tables:
-            case = case_of(read_choices(tables))
+            case = case_of(read_choices(tables, project, parameters("explore", name)))
         if case.truth is None or case.space is None:
             print(f"{name}: its people's true weights are not known, or its choice space is not explored")
             continue

@@ -26,6 +26,7 @@ from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.replay.features import FeatureSet, bind_features
 from pipeline.replay.replay import body_positions
 from pipeline.stages.answer import case_of
+from pipeline.stages.registry import parameters
 from pipeline.trajectories.continuation import nearest, prefix_log_kernel, spliced, straight_on
 from pipeline.workspace.choice_sets import Chosen, choice_tables, read_choices
 from pipeline.workspace.project import find_project
@@ -59,7 +60,7 @@ def read(task: str, overlay: Path | None) -> Data:
     project = find_project(Path.cwd(), overlay)
     settings = project.params.task(task)
     with TaskTables(choice_tables(project, task)) as tables:
-        chosen = read_choices(tables)
+        chosen = read_choices(tables, project, parameters("explore", task))
     specs = {name: dict(settings.features[name]) for name in chosen.features}
     return Data(bind_features(load_task_scene(project, settings), specs), chosen, case_of(chosen))
 

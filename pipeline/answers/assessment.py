@@ -56,6 +56,7 @@ class Case:
         truth: (P, F) true directions on scaled features, of simulated people; None if nobody knows.
         remarks: recordings that were refused, cut off or repaired; None if it was not looked at.
         space: the choice space, if it was explored. Then it, and not the alternatives, is what people chose from.
+        unsettled: how far its explorations' posteriors are from agreeing, in multiples of what is tolerated.
     """
 
     alternatives: FloatArray | Sequence[FloatArray]
@@ -69,6 +70,7 @@ class Case:
     truth: FloatArray | None = None
     remarks: int | None = None
     space: ExploredSpace | None = None
+    unsettled: float | None = None
 
     @property
     def shared(self) -> bool:
@@ -207,6 +209,7 @@ def assess(rng: np.random.Generator, case: Case, prior: GroupPrior = DEFAULT_GRO
         edge=edge_probability(pooled, prior.weights),
         truth=None if case.truth is None else truth_level(case.truth, answer, [*chain.from_iterable(ways.values())]),
         remarks=case.remarks,
+        unsettled=case.unsettled,
     )
     return Answer(group, pooled, case.divisor, ways, numbers, case.space is not None)
 

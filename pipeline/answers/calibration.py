@@ -12,13 +12,13 @@ simulation-based calibration, arXiv 1804.06788.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.arrays import FloatArray
-from pipeline.choice.explored import MERGED, ExploredSpace, Region
+from pipeline.choice.explored import Region
 from pipeline.choice.metrics import angle_to
 from pipeline.choice.models import Model
 from pipeline.choice.validation import matrix
@@ -182,48 +182,6 @@ def recover(
         choices = infer(options.features[rows])
         found.append(_One.of(sample_weights(rng, choices, prior, draws), choices, truth, with_score=False))
     return _together(found)
-
-
-def calibrate_over(
-    rng: np.random.Generator,
-    space: ExploredSpace,
-    demonstrations: int,
-    repetitions: int,
-    prior: WeightPrior = DEFAULT,
-    count: int = 1024,
-) -> Calibration:
-    """Simulate people who choose from one exploration of a space under each model, and infer them with the last one.
-
-    Both models give densities with respect to the features there (`pipeline.choice.explored`), so that evidence and
-    scores can be compared.
-
-    Args:
-        rng: random stream.
-        space: what is known of the choice space under each model.
-        demonstrations: n, of each repetition.
-        repetitions: R for each model.
-        prior: of inference, from which the truths are drawn.
-        count: draws of each posterior.
-
-    Raises:
-        ArgumentError: an argument is out of range.
-    """
-    if demonstrations < 1 or repetitions < 1:
-        raise ArgumentError(f"demonstrations is {demonstrations} and repetitions {repetitions}; both must be >= 1.")
-    found: dict[tuple[str, str], list[_One]] = {}
-    for label, regions in space.regions.items():
-        options = regions[0]
-        for _ in range(repetitions):
-            truth = prior.draw(rng, 1, options.features.shape[1])[0]
-            chosen = options.features[choose(rng, truth, options.features, options.log_w, demonstrations)]
-            for other, known in space.regions.items():
-                choices = Choices.over(known[-1].merged(MERGED * space.kernel), chosen)
-                one = _One.of(sample_weights(rng, choices, prior, count), choices, truth, with_score=True)
-                as_density = -float(choices.chosen_log_w[0]) + space.log_measure(other, chosen).mean()
-                evidence = one.log_evidence + demonstrations * as_density
-                one = replace(one, log_evidence=evidence, held_out=one.held_out + as_density)
-                found.setdefault((label, other), []).append(one)
-    return Calibration({pair: _together(some) for pair, some in found.items()})
 
 
 def choose(

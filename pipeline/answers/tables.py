@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import polars as pl
 
-from pipeline.answers.verdict import RULES, Trust, Verdict
+from pipeline.answers.verdict import Trust, Verdict
 from pipeline.answers.words import SURE, Preference, sentence
 from pipeline.arrays import FloatArray
 from pipeline.choice.weights import GroupDraws, WeightDraws, weighted_quantiles
@@ -20,17 +20,23 @@ _LEVELS = (0.05, 0.5, 0.95)
 _SUMMARY = ("quantity", "feature", "mean", "low", "median", "high", "positive")
 
 
-def answer_rows(task: str, found: Sequence[Preference], verdict: Verdict) -> pl.DataFrame:
-    """Rows of the table `answers`."""
-    rows: list[tuple[object, ...]] = [
-        ("answer", "answer", sentence(found), None, None, None, None, None, verdict.trust.value)
-    ]
+def answer_rows(task: str, found: Sequence[Preference], verdict: Verdict, over: str | None = None) -> pl.DataFrame:
+    """Rows of the table `answers`.
+
+    Args:
+        task: its name.
+        found: the preferences.
+        verdict: whether to trust them.
+        over: what they rest on, if that is not the explored choice space.
+    """
+    said = sentence(found) + (f" ({over})" if over else "")
+    rows: list[tuple[object, ...]] = [("answer", "answer", said, None, None, None, None, None, verdict.trust.value)]
     for one in found:
         outcome = "yes" if one.stated else "no"
         trust = Trust.TRUST.value
         rows.append(("preference", one.feature, str(one), outcome, one.probability, SURE, None, None, trust))
     for line in verdict.lines:
-        rule = RULES[line.name]
+        rule = line.rule
         bounds = (_bound(rule.least), _bound(rule.most), rule.gravest)
         rows.append(("check", line.name, str(line), line.outcome.value, line.number, *bounds, line.trust.value))
     schema = {

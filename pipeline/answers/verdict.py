@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 
 class Trust(enum.Enum):
@@ -40,6 +40,8 @@ class Numbers:
         cap_deg: angle within which the direction lies with probability 0.9, whichever way it is computed.
         models: departure of the other choice models.
         explorations: of independent explorations of the choice space, or of halves of the alternatives.
+        unsettled: how far the explorations' posteriors of all together, under either model, are apart or have changed
+            in the last round, in multiples of what is tolerated.
         samplers: of alternatives from other samplers.
         bandwidths: of half and twice the bandwidth.
         scales: of other scales of the features.
@@ -76,6 +78,7 @@ class Numbers:
     edge: float | None = None
     truth: float | None = None
     remarks: float | None = None
+    unsettled: float | None = None
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,21 @@ RULES: Mapping[str, Rule] = {
 }
 
 
-OVER_SPACE: Mapping[str, Rule] = {name: rule for name, rule in RULES.items() if name != "samplers"}
+_OVER_SPACE: Mapping[str, str] = {
+    "outside": "Do people stay within what is possible?",
+    "alternatives": "Does the answer rest on enough of the space?",
+    "bandwidths": "Do other widths of the kernel agree?",
+}
+OVER_SPACE: Mapping[str, Rule] = {
+    **{
+        name: replace(rule, question=_OVER_SPACE.get(name, rule.question))
+        for name, rule in RULES.items()
+        if name != "samplers"
+    },
+    "unsettled": Rule(
+        "Have the explorations converged, under both models?", most=1, needed=False, form="{:.1f} times the tolerance"
+    ),
+}
 """The rules for an answer over an explored choice space, which holds whatever any sampler draws."""
 
 
@@ -136,6 +153,7 @@ class Line:
         outcome: yes, no or not checked.
         number: None if not checked.
         trust: the best verdict that this line allows.
+        rule: that was asked.
     """
 
     name: str
@@ -143,11 +161,12 @@ class Line:
     outcome: Outcome
     number: float | None
     trust: Trust
+    rule: Rule
 
     def __str__(self) -> str:
         if self.number is None:
             return f"{self.question} not checked"
-        return f"{self.question} {self.outcome.value} ({RULES[self.name].form.format(self.number)})"
+        return f"{self.question} {self.outcome.value} ({self.rule.form.format(self.number)})"
 
 
 @dataclass(frozen=True)
@@ -180,12 +199,12 @@ def judge(numbers: Numbers, rules: Mapping[str, Rule] = RULES) -> Verdict:
 
 def _line(name: str, rule: Rule, number: float | None) -> Line:
     if number is None:
-        return Line(name, rule.question, Outcome.NOT_CHECKED, None, Trust.CAREFUL if rule.needed else Trust.TRUST)
+        return Line(name, rule.question, Outcome.NOT_CHECKED, None, Trust.CAREFUL if rule.needed else Trust.TRUST, rule)
     if rule.least <= number <= rule.most:
-        return Line(name, rule.question, Outcome.YES, number, Trust.TRUST)
+        return Line(name, rule.question, Outcome.YES, number, Trust.TRUST, rule)
     # a NaN is within no bounds, so it is a no, and as grave as can be
     grave = rule.gravest is not None and not (rule.gravest <= number < rule.least or rule.most < number <= rule.gravest)
-    return Line(name, rule.question, Outcome.NO, number, Trust.NOT if grave else Trust.CAREFUL)
+    return Line(name, rule.question, Outcome.NO, number, Trust.NOT if grave else Trust.CAREFUL, rule)
 
 
 def names() -> tuple[str, ...]:

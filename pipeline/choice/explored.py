@@ -77,17 +77,6 @@ class ExploredSpace:
         """The mean of all explorations under a model, near rows merged, which changes no answer by much."""
         return self._means[model]
 
-    def log_measure(self, model: str, at: ArrayLike) -> FloatArray:
-        """(n,) log of what a model's likelihood is a density of, with respect to features (n, F): 0 for LESS.
-
-        For Boltzmann it is the density of states of the last exploration.
-        """
-        points = matrix("at", at)
-        if model == LESS.name:
-            return np.zeros(len(points))
-        draws = self.regions[model][-1]
-        return log_states(points, draws.features, draws.log_w, self.kernel)
-
     def smoothed(self, factor: float) -> tuple[Region, ...]:
         """The regions of LESS with weights from a kernel `factor` times as wide."""
         rows = [one.features for one in self.regions[LESS.name]]

@@ -11,6 +11,7 @@ from pipeline.errors import StageError
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.stages.registry import parameters
 from pipeline.terminal import note, say, say_json
+from pipeline.workspace.choice_sets import choice_tables
 from pipeline.workspace.project import Project
 from pipeline.workspace.provenance import is_current
 
@@ -42,7 +43,10 @@ def after_inference(project: Project, task: str) -> None:
     path = project.table(task, TABLE)
     if path.exists():
         with OpenTable(path, TABLE) as table:
-            current = is_current(project, parameters("answer", task), table)
+            rested = table.provenance.get("inputs")
+            there = {project.shown(one) for one in choice_tables(project, task).values()}
+            known = isinstance(rested, dict) and there <= set(rested)
+            current = known and is_current(project, parameters("answer", task), table)
             lines = answer_lines(table.read()) if current else []
     else:
         lines = []

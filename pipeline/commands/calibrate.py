@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.answers.calibration import LEVEL, Calibration, calibrate, calibrate_over
+from pipeline.answers.calibration import LEVEL, Calibration, calibrate
 from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.models import Model
 from pipeline.errors import StageError
 from pipeline.formats.parquet.task_tables import TaskTables
+from pipeline.stages.registry import parameters
 from pipeline.terminal import say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.vocabulary import TASK_ANCHOR, model_name
@@ -49,18 +50,13 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
         )
     with TaskTables(choice_tables(project, name)) as tables:
         tables.check()
-        chosen = read_choices(tables)
+        chosen = read_choices(tables, project, parameters("explore", name))
     count = wanted.demonstrations or len(chosen.people)
     rng = child_rng(project.params.seed, "calibrate", count)
-    if chosen.space is not None:
-        found = calibrate_over(rng, chosen.space, count, wanted.repetitions)
-        what = "who choose from one exploration of the choice space and are inferred with another"
-    else:
-        own = chosen.sets[TASK_ANCHOR]
-        models: dict[str, Model] = {LESS.name: LESS(own.bandwidth), Boltzmann.name: Boltzmann()}
-        found = calibrate(rng, models, own.raw / chosen.scale, count, wanted.repetitions)
-        what = f"who choose from {len(own.raw):,} alternatives"
-    for line in lines(name, found, count, what):
+    own = chosen.sets[TASK_ANCHOR]
+    models: dict[str, Model] = {LESS.name: LESS(own.bandwidth), Boltzmann.name: Boltzmann()}
+    found = calibrate(rng, models, own.raw / chosen.scale, count, wanted.repetitions)
+    for line in lines(name, found, count, f"who choose from {len(own.raw):,} sampled alternatives"):
         say(line)
 
 
@@ -71,7 +67,7 @@ def lines(name: str, found: Calibration, demonstrations: int, what: str) -> list
         name: of the task.
         found: the calibration.
         demonstrations: of each repetition.
-        what: people choose from, and are inferred with.
+        what: people choose from.
     """
     labels = list(dict.fromkeys(chosen_by for chosen_by, _ in found.recoveries))
     repetitions = len(found.recoveries[labels[0], labels[0]].angle)

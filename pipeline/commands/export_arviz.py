@@ -23,6 +23,7 @@ from pipeline.formats.files.atomic import folder_written_whole
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.stages.answer import case_of
+from pipeline.stages.registry import parameters
 from pipeline.terminal import say
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.workspace.choice_sets import Chosen, choice_tables, read_choices
@@ -49,7 +50,7 @@ def export_arviz(project: Project, name: str, folder: Path | None = None) -> Pat
         weights = table.read()
     with TaskTables(choice_tables(project, name)) as tables:
         tables.check()
-        chosen = read_choices(tables)
+        chosen = read_choices(tables, project, parameters("explore", name))
     target = folder or project.datasets / name / FOLDER
     sigma = case_of(chosen).sigma
     with folder_written_whole(target) as partial:

@@ -27,6 +27,7 @@ from pipeline.replay.replay import body_positions
 from pipeline.replay.room import Room, task_anchor
 from pipeline.replay.scene import Scene
 from pipeline.stages.inspect import replay_of
+from pipeline.stages.registry import parameters
 from pipeline.terminal import say
 from pipeline.trajectories.best_in_expectation import Plan, bounded, plan_in_expectation
 from pipeline.trajectories.optimise import Search
@@ -71,7 +72,7 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
     draws, people = _belief(project, name, wanted)
     with recorded_run(project, "plan", name) as record, TaskTables(choice_tables(project, name)) as tables:
         tables.check()
-        chosen = read_choices(tables)
+        chosen = read_choices(tables, project, parameters("explore", name))
         register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         mine = _rows(chosen, people)
@@ -188,7 +189,7 @@ def _lines(
 ) -> list[str]:
     share = (scaled < plan.features).mean(axis=0)
     places = ", ".join(
-        f"{feature} {value:.3g} (more than {100 * part:.0f} % of the alternatives)"
+        f"{feature} {value:.3g} (more than {100 * part:.0f} % of the motions that people chose from)"
         for feature, value, part in zip(chosen.features, plan.features * chosen.scale, share, strict=True)
     )
     most = float(weighted_quantiles(plan.regret[:, None], draws.weight, [0.9])[0, 0])
@@ -197,7 +198,7 @@ def _lines(
         f"{name}: the motion that is best for {wanted.person or 'someone new'} under {model_name(wanted.model)}, "
         f"{duration_s:.1f} s",
         f"  {places}",
-        f"  expected reward: {plan.expected_reward - best:+.2f} nat more than the best alternative",
+        f"  expected reward: {plan.expected_reward - best:+.2f} nat more than the best of them",
         f"  expected loss from not knowing the weights: {plan.expected_regret:.2f} nat (90 % probable: below "
         f"{most:.2f})",
         f"  for other plausible weights, the best motion is {plan.change.min():.2f} to {plan.change.max():.2f} rad "

@@ -66,7 +66,7 @@ def run(project: Project, name: str) -> None:
     ):
         tables.check()
         scene = load_task_scene(project, task)
-        chosen = read_choices(tables)
+        chosen = read_choices(tables, project, parameters("explore", name))
         remarks = _remarks(chosen.people, tables["rejected"].read())
         stated = provenance(
             project, parameters("answer", name), [*tables.values(), *scene_files(scene.path)], model=model_hash(scene)
@@ -77,7 +77,7 @@ def run(project: Project, name: str) -> None:
         offers = _offers(scene, chosen, positions)
         answer = assess(rng, case)
         found = preferences(answer.group.group, _specs(task, chosen.features))
-        rows = answer_rows(name, found, answer.verdict)
+        rows = answer_rows(name, found, answer.verdict, over=_over(chosen))
         made: dict[str, list[pl.DataFrame]] = {"answers": [rows]}
         for model in (LESS(case.sigma), Boltzmann()):
             known = answer if model.name == LESS.name else None
@@ -103,6 +103,14 @@ def _positions(scene: Scene, chosen: Chosen) -> dict[str, FloatArray]:
     return {key: body_positions(scene, one.waypoints, [tip])[tip] for key, one in chosen.sets.items()}
 
 
+def _over(chosen: Chosen) -> str | None:
+    """What an answer rests on, if that is not the explored choice space."""
+    if chosen.space is not None:
+        return None
+    count = sum(len(one.ids) for one in chosen.sets.values()) // len(chosen.sets)
+    return f"from {count:,} sampled alternatives" + ("" if chosen.shared else " for each demonstration")
+
+
 Offers = Callable[[Model, str], Offer]
 """What is on offer under a model for those with an anchor."""
 
@@ -110,27 +118,27 @@ Offers = Callable[[Model, str], Offer]
 def _offers(scene: Scene, chosen: Chosen, positions: dict[str, FloatArray]) -> Offers:
     """The alternatives; or the trajectories that stand for the explored space, which are the same for all."""
     space, paths = chosen.space, chosen.space_waypoints
+    made: dict[tuple[str, str], Offer] = {}  # each sorts and counts neighbours once
     if space is None or paths is None:
 
         def of_set(model: Model, key: str) -> Offer:
-            own = chosen.sets[key]
-            scaled = own.raw / chosen.scale
-            return Offer(own.waypoints, own.raw, scaled, positions[key], model.weigh(scaled).log_w)
+            if (model.name, key) not in made:
+                own = chosen.sets[key]
+                scaled = own.raw / chosen.scale
+                offer = Offer(own.waypoints, own.raw, scaled, positions[key], model.weigh(scaled).log_w)
+                made[model.name, key] = offer
+            return made[model.name, key]
 
         return of_set
     cells, tip = Region.mean(space.regions[LESS.name]), scene.end_effector
     places = body_positions(scene, paths, [tip])[tip]
-    weights = {LESS.name: cells.log_w}
-    if draws := space.regions.get(Boltzmann.name):
-        weights[Boltzmann.name] = log_mass_of_cells(Region.mean(draws), cells.features)
-
-    def of_space(model: Model, _: str) -> Offer:
-        log_w = weights[model.name]
+    draws = Region.mean(space.regions[Boltzmann.name])
+    weights = {LESS.name: cells.log_w, Boltzmann.name: log_mass_of_cells(draws, cells.features)}
+    for label, log_w in weights.items():
         some = np.isfinite(log_w)
         features = cells.features[some]
-        return Offer(paths[some], features * chosen.scale, features, places[some], log_w[some])
-
-    return of_space
+        made[label, ALL] = Offer(paths[some], features * chosen.scale, features, places[some], log_w[some])
+    return lambda model, _: made[model.name, ALL]
 
 
 def end_gap_of(scene: Scene, chosen: Chosen, positions: dict[str, FloatArray]) -> float | None:
@@ -167,6 +175,7 @@ def case_of(chosen: Chosen, gap: float | None = None, remarks: int | None = None
         truth=np.stack(known) if len(known) == len(stated) else None,
         remarks=remarks,
         space=chosen.space,
+        unsettled=chosen.unsettled,
     )
 
 

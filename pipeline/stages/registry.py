@@ -180,7 +180,7 @@ STAGES = (
         parameters=("seed", "tasks.{task}.end_effector", "tasks.{task}.features"),
         reads=(
             "demonstrations", "rejected", "alternatives", "features", "scales", "densities", "explored",
-            "choice_space", "shifted_features",
+            "choice_space", "convergence", "shifted_features",
         ),
         inputs=(SCENE,),
         makes=(

@@ -57,7 +57,7 @@ def beyond(support: pl.DataFrame) -> list[str]:
             be = "is" if outside.height == 1 else "are"
             names = ", ".join(outside["demonstration_id"][:3]) + (", ..." if outside.height > 3 else "")
             sentences.append(
-                f"{outside.height} of {total} demonstrations {be} outside the alternatives' range in {feature} "
+                f"{outside.height} of {total} demonstrations {be} outside the sampled alternatives' range in {feature} "
                 f"({names}; {first['demonstration_id']} has {first['value']:.3g}, {side} their {edge:.3g}), so what "
                 "they say about it is extrapolated"
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,11 +16,13 @@ from pipeline.errors import StageError
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.studies.robustness.divergence import true_direction
 from pipeline.studies.robustness.problem import Demonstrations
-from pipeline.vocabulary import LESS, TASK_ANCHOR, WORKING
+from pipeline.vocabulary import ALL, BOLTZMANN, LESS, TASK_ANCHOR, WORKING
 from pipeline.workspace.project import Project
+from pipeline.workspace.provenance import is_current
 
 NEEDED = ("demonstrations", "alternatives", "features", "scales", "densities")
-SHIFTED, EXPLORED, SPACE = "shifted_features", "explored", "choice_space"
+SHIFTED = "shifted_features"
+EXPLORED, SPACE, CONVERGENCE = "explored", "choice_space", "convergence"  # what the stage explore makes
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,9 @@ class Chosen:
         others: of each further sampler the raw features by anchor; empty if none was drawn.
         space: the explored choice space; None if it is not explored.
         space_waypoints: (M, T, J) trajectories of the rows that LESS's explorations have, one after another.
+        unsettled: how far the explorations' posteriors of all together are apart or have changed in the last round, in
+            multiples of what is tolerated, the larger of both models.
+        reason: why the space is not explored.
     """
 
     features: tuple[str, ...]
@@ -62,6 +68,8 @@ class Chosen:
     others: tuple[dict[str, FloatArray], ...]
     space: ExploredSpace | None = None
     space_waypoints: FloatArray | None = None
+    unsettled: float | None = None
+    reason: str | None = None
 
     @property
     def shared(self) -> bool:
@@ -91,19 +99,21 @@ def choice_tables(project: Project, name: str, *further: str) -> dict[str, Path]
 
     Of those of other samplers and of the explored space the ones that there are.
     """
-    there = [table for table in (SHIFTED, EXPLORED, SPACE) if project.table(name, table).exists()]
+    there = [table for table in (SHIFTED, EXPLORED, SPACE, CONVERGENCE) if project.table(name, table).exists()]
     return project.tables(name, dict.fromkeys((*NEEDED, *further, *there)))
 
 
-def read_choices(tables: TaskTables) -> Chosen:
+def read_choices(tables: TaskTables, project: Project, explored_with: Sequence[str]) -> Chosen:
     """What the demonstrations of a task were chosen from: its working sets, other samplers' and the explored space.
 
     Args:
         tables: those of `choice_tables`.
+        project: whose tables they are.
+        explored_with: dotted paths of all parameters that the explored space depends on.
 
     Raises:
         TableError: a table is missing or not what it should be.
-        StageError: the tables do not fit one another.
+        StageError: the tables do not fit one another, or the space was explored for others.
     """
     scales = tables["scales"].read()
     names = tuple(scales["feature"])
@@ -139,8 +149,8 @@ def read_choices(tables: TaskTables) -> Chosen:
         raise StageError(f"{tables['features'].path}: does not fit the other tables of the task; run `dvc repro`")
     raw = np.ascontiguousarray(people.select(names).to_numpy())
     others = _others(tables, names, set(wanted)) if SHIFTED in tables else ()
-    space, paths = _explored(tables) if EXPLORED in tables and SPACE in tables else (None, None)
-    return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others, space, paths)
+    found = _explored(tables, project, explored_with)
+    return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others, *found)
 
 
 def demonstrations_of(tables: TaskTables) -> tuple[Demonstrations, pl.DataFrame, tuple[str, ...]]:
@@ -164,18 +174,35 @@ def demonstrations_of(tables: TaskTables) -> tuple[Demonstrations, pl.DataFrame,
     return found, scales, names
 
 
-def _explored(tables: TaskTables) -> tuple[ExploredSpace | None, FloatArray | None]:
-    """What explorations have found, and the trajectories of the rows of LESS; of a space that is not explored, None."""
-    rows = tables[EXPLORED].read(["exploration", "model", "features", "log_weight", "waypoints"])
-    kernel = tables[SPACE].read(["cell"])["cell"][0]
-    if rows.is_empty() or kernel is None:
-        return None, None
+def _explored(
+    tables: TaskTables, project: Project, explored_with: Sequence[str]
+) -> tuple[ExploredSpace | None, FloatArray | None, float | None, str | None]:
+    """The last four of `Chosen`."""
+    there = [table for table in (EXPLORED, SPACE, CONVERGENCE) if table in tables]
+    if not there:
+        return None, None, None, "the stage explore has not run"
+    path = tables[there[0]].path
+    again = f"run `lessbench explore {path.parent.parent.name}`, or `dvc repro`"
+    if len(there) < 3:
+        raise StageError(f"{path}: belongs to an explored choice space of which other tables are missing; {again}")
+    if not is_current(project, explored_with, tables[EXPLORED]):
+        raise StageError(f"{path}: the choice space was explored for other features, people or parameters; {again}")
+    declared = tables[SPACE].read(["explored", "cell", "reason"]).row(0, named=True)
+    if not declared["explored"]:
+        return None, None, None, declared["reason"]
+    rows = tables[EXPLORED].read(["exploration", "model", "features", "log_weight"])
     regions: dict[str, list[Region]] = {}
     for (_, model), part in rows.group_by("exploration", "model", maintain_order=True):
         found = Region(np.ascontiguousarray(part["features"].to_numpy()), part["log_weight"].to_numpy())
         regions.setdefault(str(model), []).append(found)
-    paths = rows.filter(model=LESS)["waypoints"].to_numpy().astype(np.float64)
-    return ExploredSpace({model: tuple(some) for model, some in regions.items()}, float(kernel)), paths
+    if set(regions) != {LESS, BOLTZMANN}:
+        raise StageError(f"{path}: lacks the rows of {LESS} or {BOLTZMANN}; {again}")
+    paths = tables[EXPLORED].read(["waypoints"], where=pl.col("model") == LESS)["waypoints"].to_numpy()
+    rounds = tables[CONVERGENCE].read().filter(demonstration_id=ALL, participant=ALL)
+    last = rounds.filter(pl.col("round") == pl.col("round").max().over("model"))
+    worst = last.select(pl.max_horizontal("disagreement", "change") / pl.col("tolerance")).to_series().max()
+    space = ExploredSpace({model: tuple(some) for model, some in regions.items()}, float(declared["cell"]))
+    return space, paths.astype(np.float64), None if worst is None else float(worst), None  # type: ignore[arg-type]
 
 
 def _others(tables: TaskTables, names: tuple[str, ...], wanted: set[str]) -> tuple[dict[str, FloatArray], ...]:

@@ -53,7 +53,9 @@ def provenance(
 
 
 def is_current(project: Project, parameters: Sequence[str], table: OpenTable) -> bool:
-    """Whether a table was made with the parameters and from the very inputs that are there now.
+    """Whether a table was made with the parameters and from the very tables that are there now.
+
+    Files outside of the project are not looked at; provenance has only their names.
 
     Args:
         project: whose table it is.
@@ -63,7 +65,7 @@ def is_current(project: Project, parameters: Sequence[str], table: OpenTable) ->
     stated, inputs = table.provenance, table.provenance.get("inputs")
     if not isinstance(inputs, dict) or stated.get("parameters") != params.fingerprint(project.params, parameters):
         return False
-    files = {project.root / str(shown): known for shown, known in inputs.items()}
+    files = {project.root / str(shown): known for shown, known in inputs.items() if "/" in str(shown)}
     return all(path.is_file() and content_hash(path) == known for path, known in files.items())
 
 

@@ -3,12 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.answers.calibration import calibrate, calibrate_over
+from pipeline.answers.calibration import calibrate
 from pipeline.answers.flatness import flatness
 from pipeline.answers.group_calibration import calibrate_group
 from pipeline.choice import LESS, Boltzmann
-from pipeline.choice.explored import ExploredSpace, Region, region_log_weights
-from pipeline.choice.weights import WeightPrior
 from pipeline.errors import ArgumentError
 
 RNG = np.random.default_rng(0)
@@ -106,23 +104,3 @@ def test_flatness_knows_flat_from_not() -> None:
 def test_refusals() -> None:
     with pytest.raises(ArgumentError, match="both must be >= 1"):
         calibrate(np.random.default_rng(0), MODELS, ROWS, 0, 1)
-
-
-def test_people_who_choose_from_one_exploration_are_inferred_with_another() -> None:
-    """Over the unit square with a base measure that leans to a corner: flat places, and each model knows its people."""
-    rng = np.random.default_rng(5)
-    even = [rng.random((1500, 2)) for _ in range(2)]
-    leaning = [rng.beta(1.0, 6.0, size=(1500, 2)) for _ in range(2)]
-    regions = {
-        "boltzmann": tuple(Region(rows, np.full(1500, -np.log(1500))) for rows in leaning),
-        "less": tuple(Region(rows, region_log_weights(rows, 0.03)) for rows in even),
-    }
-    prior = WeightPrior((3.0,))
-    found = calibrate_over(rng, ExploredSpace(regions, 0.03), 6, 60, prior, 256)
-    for model, other in (("boltzmann", "less"), ("less", "boltzmann")):
-        own = found.recoveries[model, model]
-        assert all(flatness(places).flat for places in own.place.T)
-        assert found.comparison(model, other).favoured > 0.8
-        assert found.comparison(model, other).held_out.mean() > 0
-    with pytest.raises(ArgumentError, match="both must be"):
-        calibrate_over(rng, ExploredSpace(regions, 0.03), 0, 1)

@@ -25,7 +25,7 @@ def test_what_three_demonstrations_would_tell(
     capsys.readouterr()
     run(project, "sweep", Wanted(None, 12))
     said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("sweep: 12 simulated people for each model, who choose from 30 alternatives; 3 demonstr")
+    assert said[0].startswith("sweep: 12 simulated people for each model, who choose from 30 sampled alternatives;")
     assert [line for line in said if line.startswith("if people")] == [
         "if people choose by LESS:", "if people choose by Boltzmann:",
     ]  # fmt: skip

@@ -12,6 +12,7 @@ import pytest
 
 from pipeline.answers.tables import answer_lines, group_of
 from pipeline.commands import answer as command
+from pipeline.commands import plan
 from pipeline.errors import StageError
 from pipeline.formats.parquet.tables import read_table
 from pipeline.stages import answer, density, explore, featurize, ingest, sample
@@ -41,6 +42,7 @@ def test_one_answer_with_its_weights_and_predictions(
     lines = answer_lines(rows)
     assert len(lines) <= 10
     assert lines[0].startswith("sweep: ")
+    assert lines[0].endswith("(from 30 sampled alternatives)")
     assert rows["trust"][0] == "do not trust"  # of 30 alternatives
     assert rows.filter(line="samplers")["outcome"].item() == "not checked"
     assert rows.filter(line="ends")["number"].item() < 0.1
@@ -134,6 +136,8 @@ def test_over_an_explored_space(make_project: Make, parameters: dict[str, Any]) 
     answer.run(project, "sweep")
     rows = table(project, "answers")
     assert "samplers" not in set(rows["line"])
+    assert "sampled" not in rows["statement"][0]
+    assert rows.filter(line="unsettled")["number"].item() >= 0
     assert rows.filter(line="explorations")["outcome"].item() != "not checked"
 
     likely, space = table(project, "likely_paths"), table(project, "explored").filter(model="less")
@@ -147,3 +151,27 @@ def test_over_an_explored_space(make_project: Make, parameters: dict[str, Any]) 
     assert predicted["high"].max() <= covered.max()
 
     assert table(project, "weights").filter(model="less", kind="group").height >= 100
+
+
+def test_a_space_that_was_explored_for_something_else_is_refused(
+    make_project: Make, parameters: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    project = answered(make_project, parameters)
+    capsys.readouterr()
+    command.after_inference(project, "sweep")
+    assert capsys.readouterr().out
+    explore.run(project, "sweep")
+    capsys.readouterr()
+    command.after_inference(project, "sweep")  # the answer does not know of the space
+    assert capsys.readouterr().out == ""
+
+    parameters["tasks"]["sweep"]["features"]["vase"]["radius_m"] = 0.3
+    changed = make_project(parameters)
+    for one in (featurize, density):
+        one.run(changed, "sweep")
+    for run in (answer.run, lambda at, name: plan.run(at, name, plan.Wanted(None, "less", contacts=False))):
+        with pytest.raises(StageError, match=r"explored for other features.*lessbench explore sweep"):
+            run(changed, "sweep")
+    changed.table("sweep", "explored").unlink()
+    with pytest.raises(StageError, match="other tables are missing; run `lessbench explore sweep`"):
+        answer.run(changed, "sweep")

@@ -21,8 +21,8 @@ def test_ranks_and_ends() -> None:
         ("b", "vase", 10.0, 40.0, 0.125, False),
     ]
     assert [sentence.partition(",")[0] for sentence in beyond(rows)] == [
-        "1 of 2 demonstrations is outside the alternatives' range in effort (b; b has -0.5",
-        "1 of 2 demonstrations is outside the alternatives' range in vase (a; a has 41",
+        "1 of 2 demonstrations is outside the sampled alternatives' range in effort (b; b has -0.5",
+        "1 of 2 demonstrations is outside the sampled alternatives' range in vase (a; a has 41",
     ]
     assert "below their 0" in beyond(rows)[0]
     assert "above their 40" in beyond(rows)[1]

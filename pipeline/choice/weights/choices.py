@@ -123,8 +123,8 @@ class Choices:
         log_w: (N,) log weights of the alternatives among themselves.
         chosen: (n, F) scaled features of the demonstrations.
         chosen_log_w: (n,) log weight of each in its own choice set.
-        joined_log_w: (n, N) log weights of the alternatives once each demonstration has joined them, or (1, N) if they
-            are the same for all; None if the demonstrations are alternatives themselves, so that nothing joins.
+        joined_log_w: (n, N) log weights of the alternatives once each demonstration has joined them; None if nothing
+            joins: the demonstrations are alternatives themselves, or points of an explored space.
     """
 
     alternatives: FloatArray
@@ -144,7 +144,7 @@ class Choices:
         }
         if self.joined_log_w is not None:
             checked["joined_log_w"] = matrix("joined_log_w", self.joined_log_w, columns=len(rows))
-            if len(checked["joined_log_w"]) not in (1, len(chosen)):
+            if len(checked["joined_log_w"]) != len(chosen):
                 raise ArgumentError(
                     f"joined_log_w has {len(checked['joined_log_w'])} rows for {len(chosen)} demonstrations."
                 )
@@ -200,17 +200,16 @@ class Choices:
 
     @classmethod
     def over(cls, region: Region, demonstrations: ArrayLike) -> Choices:
-        """Demonstrations (n, F) chosen from an explored choice space.
+        """Demonstrations (n, F) chosen from an explored choice space, as in `region_log_likelihood`.
 
-        Each joins with the median weight of a row, as what a person did is part of what could be done. That bounds its
-        probability where no row lies beyond it.
+        They are densities with respect to what the region's sums integrate over. A demonstration has no part in the
+        sum: among all trajectories it weighs nothing.
 
         Raises:
             ArgumentError: an argument is out of range.
         """
         chosen = matrix("demonstrations", demonstrations, columns=region.features.shape[1])
-        own = np.full(len(chosen), np.median(region.log_w))
-        return cls(region.features, region.log_w, chosen, own, region.log_w[None])
+        return cls(region.features, region.log_w, chosen, np.zeros(len(chosen)))
 
     @cached_property
     def _origin(self) -> FloatArray:
@@ -230,12 +229,7 @@ class Choices:
 
     @cached_property
     def _ratios(self) -> FloatArray | None:
-        """(n, N), or None if joining changes no weight."""
-        if self.joined_log_w is None or (
-            len(self.joined_log_w) == 1 and np.array_equal(self.joined_log_w[0], self.log_w)
-        ):
-            return None
-        return np.exp(np.broadcast_to(self.joined_log_w, (self.count, len(self.log_w))) - self.log_w)
+        return None if self.joined_log_w is None else np.exp(self.joined_log_w - self.log_w)
 
     @property
     def count(self) -> int:
@@ -250,9 +244,7 @@ class Choices:
     def subset(self, demonstrations: Sequence[int]) -> Choices:
         """Some of the demonstrations, with the same alternatives."""
         index = list(demonstrations)
-        joined = self.joined_log_w
-        if joined is not None and len(joined) > 1:
-            joined = joined[index]
+        joined = None if self.joined_log_w is None else self.joined_log_w[index]
         return Choices(self.alternatives, self.log_w, self.chosen[index], self.chosen_log_w[index], joined)
 
     def log_likelihood(self, omegas: ArrayLike) -> FloatArray:
@@ -283,31 +275,25 @@ class Choices:
         peak = terms.max(axis=1, keepdims=True)
         np.exp(np.subtract(terms, peak, out=terms), out=terms)
         own = np.einsum("gf,nf->gn", points, self._chosen) + self.chosen_log_w - peak
-        if self.joined_log_w is None:
+        if self._ratios is None:
             total = np.broadcast_to(terms.sum(axis=1, keepdims=True), own.shape)
             return own - np.log(total), terms, total, np.zeros_like(own)
-        if self._ratios is None:
-            others = np.broadcast_to(terms.sum(axis=1, keepdims=True), own.shape)
-        else:
-            others = np.einsum("gj,nj->gn", terms, self._ratios)
+        others = np.einsum("gj,nj->gn", terms, self._ratios)
         log_total = np.logaddexp(np.log(others), own)
         return own - log_total, terms, others, np.exp(own - log_total)
 
     def _derivatives(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         log_p, terms, others, share = self._sums(points)
         chosen, size, ratios = self._chosen, self.features, self._ratios
-        if self.joined_log_w is None:
+        if ratios is None:
             p = terms / terms.sum(axis=1, keepdims=True)
             mean = np.einsum("gj,fj->gf", p, self._rows)
             square = np.einsum("gj,kj->gk", p, self._squares).reshape(-1, size, size)
             curvature = square - mean[:, :, None] * mean[:, None, :]
             return log_p.sum(axis=1), chosen.sum(axis=0) - self.count * mean, self.count * curvature
         scaled = (1 - share) / others  # of the terms in each joined set
-        if ratios is None:
-            first, p = np.einsum("gj,fj->gf", terms, self._rows)[:, None], terms * scaled.sum(axis=1, keepdims=True)
-        else:
-            first = np.stack([np.einsum("gj,nj->gn", terms * row, ratios) for row in self._rows], axis=2)
-            p = terms * np.einsum("gn,nj->gj", scaled, ratios)
+        first = np.stack([np.einsum("gj,nj->gn", terms * row, ratios) for row in self._rows], axis=2)
+        p = terms * np.einsum("gn,nj->gj", scaled, ratios)
         mean = scaled[:, :, None] * first + share[:, :, None] * chosen
         square = np.einsum("gj,kj->gk", p, self._squares).reshape(-1, size, size)
         square += np.einsum("gn,nf,nh->gfh", share, chosen, chosen)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.choice import LESS, AttributeRule, Boltzmann, log_likelihood
-from pipeline.choice.explored import Region
+from pipeline.choice.explored import Region, region_log_likelihood
 from pipeline.choice.weights import Choices
 from pipeline.errors import ArgumentError
 
@@ -79,28 +79,13 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
         Choices(ALTERNATIVES, np.zeros(40), OUTSIDE[:1], np.zeros(1), np.zeros((2, 40)))
 
 
-def test_choices_over_an_explored_space_by_hand() -> None:
+def test_choices_over_an_explored_space_are_its_densities() -> None:
     rng = np.random.default_rng(5)
     region = Region(rng.random((40, 2)), rng.normal(size=40))
-    chosen, omegas = rng.random((3, 2)), 4 * rng.normal(size=(5, 2))
+    chosen, thetas, betas = rng.random((3, 2)), rng.normal(size=(5, 2)), [0.5, 4.0]
     ours = Choices.over(region, chosen)
-    own = np.median(region.log_w)
-    for g, omega in enumerate(omegas):
-        others = np.exp(region.features @ omega + region.log_w).sum()
-        for n, row in enumerate(chosen):
-            mine = np.exp(row @ omega + own)
-            assert ours.log_likelihood(omegas)[g, n] == pytest.approx(np.log(mine / (mine + others)))
-
-
-def test_log_weights_that_are_the_same_for_all_are_given_once() -> None:
-    rng = np.random.default_rng(6)
-    rows, log_w, chosen = rng.random((40, 2)), rng.normal(size=40), rng.random((3, 2))
-    omegas = 4 * rng.normal(size=(5, 2))
-    for joined in (log_w, log_w + rng.normal(size=40)):
-        once = Choices(rows, log_w, chosen, np.zeros(3), joined[None])
-        each = Choices(rows, log_w, chosen, np.zeros(3), np.tile(joined, (3, 1)))
-        np.testing.assert_allclose(once.log_likelihood(omegas), each.log_likelihood(omegas), rtol=1e-12)
-        both = (vars(one.derivatives(omegas)).values() for one in (once, each))
-        for ours, theirs in zip(*both, strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(once.subset([2]).log_likelihood(omegas), each.subset([2]).log_likelihood(omegas))
+    expected = region_log_likelihood(chosen, region.features, region.log_w, thetas, betas)  # (n, K, B)
+    for b, beta in enumerate(betas):
+        np.testing.assert_allclose(ours.log_likelihood(beta * thetas), expected[:, :, b].T, rtol=1e-12)
+    one = ours.subset([2]).log_likelihood(thetas)
+    np.testing.assert_allclose(one, ours.log_likelihood(thetas)[:, 2:], rtol=1e-12)
