@@ -275,7 +275,7 @@ def test_it_is_named_before_anything_runs(received: tuple[Path, Path], tmp_path:
     assert ("status", "1") in events
     for sentence in (
         f"runs code: dvc.yaml: `dvc repro` would run `touch '{victim}/cmd'`", "payload.p: is a pickle", "is a link to",
-        "mesh.stl: is no file", "names the address https://127.0.0.1:1/", "conftest.py: is Python",
+        "mesh.stl: is not a file but", "names the address https://127.0.0.1:1/", "conftest.py: is Python",
     ):  # fmt: skip
         assert sentence in ended.stdout, ended.stdout
 

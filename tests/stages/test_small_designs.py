@@ -67,7 +67,7 @@ def test_one_hypothesis(make_project: Make, parameters: dict[str, Any], features
     spread = read_table(project.table("sweep", "robustness"), "robustness")
     assert spread["kl_aggregate"].abs().max() < 1e-12  # of one hypothesis all posteriors are the same
     assert sorted(path.name for path in project.figures("sweep").glob("robustness.*")) == [
-        "robustness.png", "robustness.svg",
+        "robustness.pdf", "robustness.png", "robustness.svg", "robustness.txt",
     ]  # fmt: skip
 
 

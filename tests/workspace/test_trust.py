@@ -149,7 +149,7 @@ def test_what_is_missing_or_damaged_is_said(project: Project, tmp_path: Path) ->
 def test_dvc_must_see_the_file(project: Project, parameters: dict[str, Any]) -> None:
     trust(project)
     text = dvc_yaml(parse(parameters))
-    assert len(re.findall(LISTED, text)) == sum(stage.features for stage in STAGES) == 6
+    assert len(re.findall(LISTED, text)) == sum(stage.features for stage in STAGES) == 7
     (project.root / "dvc.yaml").write_text(text)
     assert files(project)
     (project.root / "dvc.yaml").write_text(re.sub(LISTED, "[other.py,", text))

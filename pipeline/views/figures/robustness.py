@@ -81,11 +81,11 @@ def importance_figure(summary: pl.DataFrame, accuracy: pl.DataFrame, sets: pl.Da
     """
     figure = new_figure(TEXT, 2.3)
     axes = figure.subplots(1, 4 if accuracy.height else 3, sharex=True)
+    axes[1].sharey(axes[0])
     with_density = summary.filter(regime=KNOWN_DENSITY)
     for ax, kind in zip(axes, KINDS, strict=False):
         _curves(ax, with_density.filter(demonstrations=kind), "set_size")
         ax.set_title(KINDS[kind])
-    axes[1].sharey(axes[0])
     axes[1].tick_params(labelleft=False)
     _log_limits(axes[0], with_density)
     axes[0].set_ylabel(_KL)
