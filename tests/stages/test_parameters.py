@@ -15,7 +15,7 @@ import pytest
 from pipeline.stages import registry
 from pipeline.stages.registry import STAGES, UNDECLARED, Stage
 from pipeline.workspace.project import Project
-from pipeline.workspace.provenance import provenance
+from pipeline.workspace.provenance import is_current, provenance
 from tests.support.recording_params import leaves, recording
 
 TASK = "sweep"
@@ -47,6 +47,10 @@ def test_stages_declare_the_parameters_that_they_read(
     free = {path.format(task=TASK) for path in UNDECLARED}
     too_few: dict[str, set[str]] = {}
     too_many: dict[str, list[str]] = {}
+    # whether an input is up to date is no result, and DVC looks at what the input depends on
+    monkeypatch.setattr(
+        "pipeline.workspace.choice_sets.is_current", lambda _, paths, table: is_current(Project(root), paths, table)
+    )
     for stage in STAGES:
         module = import_module(stage.module)
         if hasattr(module, "provenance"):  # what a table records of its stage's parameters is not used by the stage
