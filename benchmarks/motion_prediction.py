@@ -96,8 +96,9 @@ def forecasts(data: Data, half: int) -> dict[str, list[Forecast]]:
         ways = spliced(seen, own)
         add("all alternatives alike", rest(ways), np.full(len(ways), 1 / len(ways)))
         for label, case in spaces.items():
-            if case.space is not None and data.chosen.space_waypoints is not None:
-                own = data.chosen.space_waypoints[:: -(-len(data.chosen.space_waypoints) // CELLS)]
+            if case.space is not None and data.chosen.explored is not None:
+                known = data.chosen.explored.waypoints
+                own = known[:: -(-len(known) // CELLS)]
                 ways = spliced(seen, own)
             phi, positions = data.phi(ways), rest(ways)
             begun = prefix_log_kernel(seen, own, BEGUN_RAD)

@@ -74,7 +74,11 @@ class ExploredSpace:
         return {label: Region.mean(some).merged(self.kernel * MERGED) for label, some in self.regions.items()}
 
     def region(self, model: str) -> Region:
-        """The mean of all explorations under a model, near rows merged, which changes no answer by much."""
+        """The mean of all explorations under a model, near rows merged.
+
+        Merging keeps weights and means, so a sum of exp(omega . phi) becomes smaller, by a factor of at most
+        exp((|omega| width)^2 F / 8). Source: Hoeffding, JASA 58 (1963), his lemma, for each cube.
+        """
         return self._means[model]
 
     def smoothed(self, factor: float) -> tuple[Region, ...]:

@@ -105,7 +105,7 @@ def _positions(scene: Scene, chosen: Chosen) -> dict[str, FloatArray]:
 
 def _over(chosen: Chosen) -> str | None:
     """What an answer rests on, if that is not the explored choice space."""
-    if chosen.space is not None:
+    if chosen.explored is not None:
         return None
     count = sum(len(one.ids) for one in chosen.sets.values()) // len(chosen.sets)
     return f"from {count:,} sampled alternatives" + ("" if chosen.shared else " for each demonstration")
@@ -117,9 +117,8 @@ Offers = Callable[[Model, str], Offer]
 
 def _offers(scene: Scene, chosen: Chosen, positions: dict[str, FloatArray]) -> Offers:
     """The alternatives; or the trajectories that stand for the explored space, which are the same for all."""
-    space, paths = chosen.space, chosen.space_waypoints
     made: dict[tuple[str, str], Offer] = {}  # each sorts and counts neighbours once
-    if space is None or paths is None:
+    if chosen.explored is None:
 
         def of_set(model: Model, key: str) -> Offer:
             if (model.name, key) not in made:
@@ -130,6 +129,7 @@ def _offers(scene: Scene, chosen: Chosen, positions: dict[str, FloatArray]) -> O
             return made[model.name, key]
 
         return of_set
+    space, paths = chosen.explored.space, chosen.explored.waypoints
     cells, tip = Region.mean(space.regions[LESS.name]), scene.end_effector
     places = body_positions(scene, paths, [tip])[tip]
     draws = Region.mean(space.regions[Boltzmann.name])
@@ -174,8 +174,8 @@ def case_of(chosen: Chosen, gap: float | None = None, remarks: int | None = None
         bandwidth=float(np.median([one.bandwidth for one in chosen.sets.values()])),
         truth=np.stack(known) if len(known) == len(stated) else None,
         remarks=remarks,
-        space=chosen.space,
-        unsettled=chosen.unsettled,
+        space=chosen.explored.space if chosen.explored else None,
+        unsettled=chosen.explored.unsettled if chosen.explored else None,
     )
 
 

@@ -43,6 +43,22 @@ class ChoiceSet:
 
 
 @dataclass(frozen=True, eq=False)
+class Explored:
+    """What explorations of a task's choice space have found.
+
+    Attributes:
+        space: its regions.
+        waypoints: (M, T, J) trajectories of the rows that LESS's explorations have, one after another.
+        unsettled: how far the explorations' posteriors of all together are apart or have changed in the last round, in
+            multiples of what is tolerated, the larger of both models; None if there is no such row.
+    """
+
+    space: ExploredSpace
+    waypoints: FloatArray
+    unsettled: float | None
+
+
+@dataclass(frozen=True, eq=False)
 class Chosen:
     """The demonstrations of a task and what they were chosen from.
 
@@ -53,11 +69,7 @@ class Chosen:
         raw: (n, F) features of the demonstrations.
         sets: by anchor.
         others: of each further sampler the raw features by anchor; empty if none was drawn.
-        space: the explored choice space; None if it is not explored.
-        space_waypoints: (M, T, J) trajectories of the rows that LESS's explorations have, one after another.
-        unsettled: how far the explorations' posteriors of all together are apart or have changed in the last round, in
-            multiples of what is tolerated, the larger of both models.
-        reason: why the space is not explored.
+        explored: the choice space, if it is explored.
     """
 
     features: tuple[str, ...]
@@ -66,10 +78,7 @@ class Chosen:
     raw: FloatArray
     sets: dict[str, ChoiceSet]
     others: tuple[dict[str, FloatArray], ...]
-    space: ExploredSpace | None = None
-    space_waypoints: FloatArray | None = None
-    unsettled: float | None = None
-    reason: str | None = None
+    explored: Explored | None = None
 
     @property
     def shared(self) -> bool:
@@ -82,10 +91,10 @@ class Chosen:
 
     def known(self, row: int) -> tuple[FloatArray, FloatArray]:
         """Trajectories (N, T, J) that a demonstration was chosen from, as far as they are known, and raw (N, F)."""
-        if self.space is None or self.space_waypoints is None:
+        if self.explored is None:
             own = self.set_of(row)
             return own.waypoints, own.raw
-        return self.space_waypoints, Region.mean(self.space.regions[LESS]).features * self.scale
+        return self.explored.waypoints, Region.mean(self.explored.space.regions[LESS]).features * self.scale
 
     def of_all(self, by_anchor: dict[str, FloatArray]) -> FloatArray | tuple[FloatArray, ...]:
         """The one set of all demonstrations, or the set of each."""
@@ -149,8 +158,8 @@ def read_choices(tables: TaskTables, project: Project, explored_with: Sequence[s
         raise StageError(f"{tables['features'].path}: does not fit the other tables of the task; run `dvc repro`")
     raw = np.ascontiguousarray(people.select(names).to_numpy())
     others = _others(tables, names, set(wanted)) if SHIFTED in tables else ()
-    found = _explored(tables, project, explored_with)
-    return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others, *found)
+    explored = _explored(tables, project, explored_with)
+    return Chosen(names, scales["scale"].to_numpy(), people.drop(names), raw, sets, others, explored)
 
 
 def demonstrations_of(tables: TaskTables) -> tuple[Demonstrations, pl.DataFrame, tuple[str, ...]]:
@@ -174,22 +183,19 @@ def demonstrations_of(tables: TaskTables) -> tuple[Demonstrations, pl.DataFrame,
     return found, scales, names
 
 
-def _explored(
-    tables: TaskTables, project: Project, explored_with: Sequence[str]
-) -> tuple[ExploredSpace | None, FloatArray | None, float | None, str | None]:
-    """The last four of `Chosen`."""
+def _explored(tables: TaskTables, project: Project, explored_with: Sequence[str]) -> Explored | None:
     there = [table for table in (EXPLORED, SPACE, CONVERGENCE) if table in tables]
     if not there:
-        return None, None, None, "the stage explore has not run"
+        return None
     path = tables[there[0]].path
     again = f"run `lessbench explore {path.parent.parent.name}`, or `dvc repro`"
     if len(there) < 3:
         raise StageError(f"{path}: belongs to an explored choice space of which other tables are missing; {again}")
     if not is_current(project, explored_with, tables[EXPLORED]):
         raise StageError(f"{path}: the choice space was explored for other features, people or parameters; {again}")
-    declared = tables[SPACE].read(["explored", "cell", "reason"]).row(0, named=True)
+    declared = tables[SPACE].read(["explored", "cell"]).row(0, named=True)
     if not declared["explored"]:
-        return None, None, None, declared["reason"]
+        return None
     rows = tables[EXPLORED].read(["exploration", "model", "features", "log_weight"])
     regions: dict[str, list[Region]] = {}
     for (_, model), part in rows.group_by("exploration", "model", maintain_order=True):
@@ -202,7 +208,7 @@ def _explored(
     last = rounds.filter(pl.col("round") == pl.col("round").max().over("model"))
     worst = last.select(pl.max_horizontal("disagreement", "change") / pl.col("tolerance")).to_series().max()
     space = ExploredSpace({model: tuple(some) for model, some in regions.items()}, float(declared["cell"]))
-    return space, paths.astype(np.float64), None if worst is None else float(worst), None  # type: ignore[arg-type]
+    return Explored(space, paths.astype(np.float64), None if worst is None else float(worst))  # type: ignore[arg-type]
 
 
 def _others(tables: TaskTables, names: tuple[str, ...], wanted: set[str]) -> tuple[dict[str, FloatArray], ...]:

@@ -21,21 +21,10 @@ from pipeline.params import parse
 from pipeline.replay.kinds.register import KINDS
 from pipeline.trajectories.installed_sampler import InstalledSampler, installed_sampler
 from pipeline.trajectories.paths import Anchor
-from tests.support.small_project import ROOT, TASK, environment, make_small_project
+from tests.support.small_project import ROOT, TASK, TO_AN_ANSWER, environment, make_small_project
 
 PAGE = (ROOT / "docs" / "plug-ins.md").read_text(encoding="utf-8")
-STAGES = (
-    "scene",
-    "simulate",
-    "ingest",
-    "sample",
-    "featurize",
-    "density",
-    "infer",
-    "explore",
-    "shift",
-    "study robustness",
-)
+STAGES = [command for command in TO_AN_ANSWER if command != "conclude"]
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,13 @@ from pathlib import Path
 from ruamel.yaml import YAML
 
 from pipeline.stages.dvc_yaml import dvc_yaml
+from pipeline.stages.registry import STAGES, stage
 from pipeline.workspace.project import Project
 
 ROOT = Path(__file__).resolve().parents[2]
 TASK, OTHERS = "table", ("laptop", "human")
+# what to type to come to an answer, stage by stage
+TO_AN_ANSWER = tuple(one.command for one in STAGES[: STAGES.index(stage("answer")) + 1])
 COPIED = ("pipeline", "schemas", "datasets/robots", "datasets/scenes", "datasets/studies/human_choice")
 CATALOG_LOOK = """
 import duckdb, hashlib, sys

@@ -293,8 +293,8 @@ class Choices:
             return log_p.sum(axis=1), chosen.sum(axis=0) - self.count * mean, self.count * curvature
         scaled = (1 - share) / others  # of the terms in each joined set
         first = np.stack([np.einsum("gj,nj->gn", terms * row, ratios) for row in self._rows], axis=2)
-        p = terms * np.einsum("gn,nj->gj", scaled, ratios)
         mean = scaled[:, :, None] * first + share[:, :, None] * chosen
+        p = terms * np.einsum("gn,nj->gj", scaled, ratios)
         square = np.einsum("gj,kj->gk", p, self._squares).reshape(-1, size, size)
         square += np.einsum("gn,nf,nh->gfh", share, chosen, chosen)
         curvature = square - np.einsum("gnf,gnh->gfh", mean, mean)
