@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.special import stdtrit
 from pipeline.errors import StageError
 from pipeline.formats.trips.importer import read_trips
 from pipeline.stages import trips
-from pipeline.studies.trips.choices import draw_all
+from pipeline.studies.trips.choices import draw_all, drawers
 from pipeline.studies.trips.drawn_paths import SAMPLERS, PathSet, Way, draw
 from pipeline.studies.trips.path_models import (
     BOLTZMANN_CORRECTED,
@@ -97,10 +98,26 @@ def test_a_set_has_distinct_paths_with_the_one_taken_first(roads: Roads) -> None
 
 def test_corrected_boltzmann_comes_to_the_exact_estimate_where_all_paths_are_drawn(roads: Roads) -> None:
     exact = roads.recursive_logit().estimate([-2.0, -1.0, -1.0, -4.0])
-    drawn = draw_all(roads, [1500], 0, 1).drawn[1500]["wide"]
+    with ThreadPoolExecutor(1) as pool:
+        drawn = draw_all(roads, [1500], 0, 1, pool).drawn[1500]["wide"]
     weights = drawn.sets(BOLTZMANN_CORRECTED).estimate(drawn.log_weights(BOLTZMANN_CORRECTED))
     value = roads.recursive_logit().log_likelihoods(weights).sum()
     assert exact.log_likelihood - value < 0.05
+
+
+def test_processes_draw_the_same_as_one_thread(roads: Roads) -> None:
+    with drawers(10_000) as processes, drawers(1) as thread:
+        assert type(processes) is not type(thread)
+        many, one = (draw_all(roads, [20, 5], 1, 7, pool) for pool in (processes, thread))
+    assert many.kernels.keys() == one.kernels.keys()
+    for size in (20, 5):
+        np.testing.assert_array_equal(many.kernels[size].scale, one.kernels[size].scale)
+        for sampler in SAMPLERS:
+            a, b = many.drawn[size][sampler], one.drawn[size][sampler]
+            np.testing.assert_array_equal(a.features, b.features)
+            np.testing.assert_array_equal(a.nests, b.nests)
+            for model in a.log_w:
+                np.testing.assert_array_equal(a.log_w[model], b.log_w[model])
 
 
 def test_the_study_has_a_row_for_everything_and_is_the_same_again(roads: Roads) -> None:

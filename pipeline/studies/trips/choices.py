@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import groupby
+from functools import partial
+from itertools import chain, groupby
 from typing import TypeAlias
 
 import numpy as np
@@ -37,7 +40,9 @@ Sets: TypeAlias = dict[int, dict[str, PathSet]]
 PILOT = 60  # about how many trips the scale and the bandwidth are taken from
 LARGEST_PILOT = 500  # paths of one trip
 NEST_BANDWIDTHS = 2.0  # two paths of a nest are at most so many bandwidths of LESS apart
-WORKERS = 2
+WORKERS = min(os.cpu_count() or 1, 4)
+_AT_ONCE = 12  # destinations whose trips one call draws
+_FEW = 200  # trips that are drawn before further processes would have begun
 _WEIGHED = (BOLTZMANN_CORRECTED, LESS, LESS_POOLED, LESS_LINKS)
 
 
@@ -120,7 +125,14 @@ class Sampling:
     drawn: Mapping[int, Mapping[str, Drawn]]
 
 
-def draw_all(roads: Roads, sizes: Sequence[int], sampling: int, seed: int) -> Sampling:
+def drawers(trips: int) -> Executor:
+    """What draws the paths of so many trips side by side: processes, because drawing is mostly Python."""
+    if trips <= _FEW:
+        return ThreadPoolExecutor(1)
+    return ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn"))
+
+
+def draw_all(roads: Roads, sizes: Sequence[int], sampling: int, seed: int, pool: Executor) -> Sampling:
     """The sets of all trips, by size and sampler, for one sampling.
 
     The largest sets are drawn, and smaller ones are their first draws. Trips are drawn destination by destination. What
@@ -131,22 +143,14 @@ def draw_all(roads: Roads, sizes: Sequence[int], sampling: int, seed: int) -> Sa
         sizes: draws for each trip.
         sampling: number of the sampling; another one has other draws.
         seed: of the project.
+        pool: from `drawers`.
     """
-    kernels = pilot(roads, sizes, sampling, seed)
+    destinations = by_destination(roads, range(len(roads.trips)))
+    kernels = pilot(roads, sizes, sampling, seed, pool)
     rows: dict[tuple[int, str], dict[int, Part]] = {(size, name): {} for size in sizes for name in SAMPLERS}
-
-    def of_destination(trips: list[int]) -> list[tuple[int, int, str, Part]]:
-        return [
-            (size, index, name, Part.of(paths, pooled(of_size), kernels[size]))
-            for index, sets in drawn_sets(roads, sizes, sampling, seed, trips)
-            for size, of_size in sets.items()
-            for name, paths in of_size.items()
-        ]
-
-    with ThreadPoolExecutor(WORKERS) as pool:
-        for found in pool.map(of_destination, by_destination(roads, range(len(roads.trips)))):
-            for size, index, name, part in found:
-                rows[size, name][index] = part
+    for found in pool.map(partial(_parts, roads, sampling, seed, kernels), batches(destinations)):
+        for size, index, name, part in found:
+            rows[size, name][index] = part
     drawn = {
         size: {name: joined([part for _, part in sorted(rows.pop((size, name)).items())]) for name in SAMPLERS}
         for size in sizes
@@ -154,24 +158,44 @@ def draw_all(roads: Roads, sizes: Sequence[int], sampling: int, seed: int) -> Sa
     return Sampling(kernels, drawn)
 
 
-def pilot(roads: Roads, sizes: Sequence[int], sampling: int, seed: int) -> dict[int, Kernels]:
+def batches(destinations: Sequence[list[int]]) -> list[list[list[int]]]:
+    """The trips of several destinations each, one after the other."""
+    return [list(destinations[first : first + _AT_ONCE]) for first in range(0, len(destinations), _AT_ONCE)]
+
+
+def _parts(
+    roads: Roads, sampling: int, seed: int, kernels: Mapping[int, Kernels], destinations: list[list[int]]
+) -> list[tuple[int, int, str, Part]]:
+    """By size, trip and sampler, the sets of the trips to some destinations."""
+    return [
+        (size, index, name, Part.of(paths, pooled(of_size), kernels[size]))
+        for trips in destinations
+        for index, sets in drawn_sets(roads, list(kernels), sampling, seed, trips)
+        for size, of_size in sets.items()
+        for name, paths in of_size.items()
+    ]
+
+
+def pilot(roads: Roads, sizes: Sequence[int], sampling: int, seed: int, pool: Executor) -> dict[int, Kernels]:
     """Scale and bandwidth by size, the same for all samplers: from what all of them draw for some of the trips.
 
     The scale is the spread within trips, the bandwidth the median of those that leave-one-out selects for each trip.
     """
     order = [index for trips in by_destination(roads, range(len(roads.trips))) for index in trips]
     some = by_destination(roads, order[:: max(len(order) // PILOT, 1)])
-    pools: dict[int, list[FloatArray]] = {size: [] for size in sizes}
-    with ThreadPoolExecutor(WORKERS) as pool:
+    found = list(chain(*pool.map(partial(_pools, roads, sizes, sampling, seed), batches(some))))
+    return dict(zip(sizes, pool.map(_kernels, ([pools[size] for pools in found] for size in sizes)), strict=True))
 
-        def of_destination(trips: list[int]) -> list[Sets]:
-            return [sets for _, sets in drawn_sets(roads, sizes, sampling, seed, trips)]
 
-        for found in pool.map(of_destination, some):
-            for sets in found:
-                for size, of_size in sets.items():
-                    pools[size].append(_some(pooled(of_size)))
-        return dict(zip(sizes, pool.map(_kernels, (pools[size] for size in sizes)), strict=True))
+def _pools(
+    roads: Roads, sizes: Sequence[int], sampling: int, seed: int, destinations: list[list[int]]
+) -> list[dict[int, FloatArray]]:
+    """For each trip to some destinations, what all samplers draw together, by size."""
+    return [
+        {size: _some(pooled(of_size)) for size, of_size in sets.items()}
+        for trips in destinations
+        for _, sets in drawn_sets(roads, sizes, sampling, seed, trips)
+    ]
 
 
 def drawn_sets(

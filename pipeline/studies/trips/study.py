@@ -15,7 +15,7 @@ from pipeline.arrays import BoolArray, FloatArray
 from pipeline.choice.recursive_logit import RecursiveLogit
 from pipeline.errors import ArgumentError
 from pipeline.studies.statistics import crossed_lead
-from pipeline.studies.trips.choices import WORKERS, Drawn, draw_all
+from pipeline.studies.trips.choices import WORKERS, Drawn, draw_all, drawers
 from pipeline.studies.trips.drawn_paths import SAMPLERS
 from pipeline.studies.trips.estimation import Estimator
 from pipeline.studies.trips.examples import example_routes
@@ -71,18 +71,18 @@ def run_trips(
     estimates: list[dict[str, object]] = []
     held_out: list[pl.DataFrame] = []
     shown = min(samplings, key=lambda size: abs(size - SHOWN_SIZE))
-    for sampling in tracked(range(max(samplings.values()))):
-        sizes = [size for size, count in samplings.items() if sampling < count]
-        drew = draw_all(roads, sizes, sampling, seed)
-        if sampling == 0:
-            kernels = drew.kernels[shown]
+    with drawers(len(roads.trips)) as drawing, ThreadPoolExecutor(WORKERS) as pool:
+        for sampling in tracked(range(max(samplings.values()))):
+            sizes = [size for size, count in samplings.items() if sampling < count]
+            drew = draw_all(roads, sizes, sampling, seed, drawing)
+            if sampling == 0:
+                kernels = drew.kernels[shown]
 
-        def one(key: tuple[int, str, str], drawn: Mapping[int, Mapping[str, Drawn]] = drew.drawn) -> _Fit:
-            size, sampler, model = key
-            return _fit(drawn[size][sampler], model, folds, exact_folds, logit)
+            def one(key: tuple[int, str, str], drawn: Mapping[int, Mapping[str, Drawn]] = drew.drawn) -> _Fit:
+                size, sampler, model = key
+                return _fit(drawn[size][sampler], model, folds, exact_folds, logit)
 
-        keys = list(product(sizes, SAMPLERS, MODELS))
-        with ThreadPoolExecutor(WORKERS) as pool:
+            keys = list(product(sizes, SAMPLERS, MODELS))
             for (size, sampler, model), fit in zip(keys, pool.map(one, keys), strict=True):
                 about = {"sampler": sampler, "set_size": size, "sampling": sampling}
                 held_out.append(_by_trip(roads, about, model, fit.held_out))
