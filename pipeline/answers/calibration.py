@@ -11,12 +11,13 @@ simulation-based calibration, arXiv 1804.06788.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.answers.flatness import Flatness, flatness
 from pipeline.arrays import FloatArray
 from pipeline.choice.explored import Region
 from pipeline.choice.metrics import angle_to
@@ -28,6 +29,8 @@ from pipeline.choice.weights.prior import DEFAULT
 from pipeline.errors import ArgumentError
 
 LEVEL = 0.9
+BINS, PER_BIN = 10, 5  # bins of a rank histogram at most, and places that each needs
+BETA, DIRECTION = "beta", "direction"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +108,29 @@ class Calibration:
         own, wrong = self.recoveries[chosen_by, chosen_by], self.recoveries[chosen_by, other]
         return Comparison(own.log_evidence - wrong.log_evidence, own.held_out - wrong.held_out)
 
+    def rank_histograms(self, features: Sequence[str]) -> dict[tuple[str, str], Flatness]:
+        """Where the truth falls in its posterior, if a model infers what it chose itself.
+
+        They are flat if the inference is right, and the truths were drawn from its prior.
+
+        Args:
+            features: (F,) names of the weights.
+
+        Returns:
+            By model and by what is placed: a feature's weight, `BETA` or `DIRECTION`. Empty with fewer than ten
+            repetitions.
+        """
+        own = {chosen_by: one for (chosen_by, other), one in self.recoveries.items() if chosen_by == other}
+        found = {}
+        for label, one in own.items():
+            bins = min(BINS, len(one.angle) // PER_BIN)
+            if bins < 2:
+                return {}
+            places = [*one.place.T, one.beta_place, one.direction_place]
+            for name, column in zip((*features, BETA, DIRECTION), places, strict=True):
+                found[label, name] = flatness(column, bins, len(own) * len(places))
+        return found
+
 
 def calibrate(
     rng: np.random.Generator,
@@ -116,6 +142,7 @@ def calibrate(
     truths: ArrayLike | None = None,
     pool: ArrayLike | None = None,
     count: int = 1024,
+    tracked: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> Calibration:
     """Simulate people on these alternatives under each model, and infer them under each.
 
@@ -129,6 +156,7 @@ def calibrate(
         truths: (R, F) weights that people have, if not drawn from the prior, e.g. draws of a posterior.
         pool: (M, F) what people choose from if not the alternatives; each of their choices joins these.
         count: draws of each posterior.
+        tracked: goes through the repetitions, and may show how far it is.
 
     Raises:
         ArgumentError: an argument is out of range.
@@ -140,19 +168,19 @@ def calibrate(
     given = None if truths is None else matrix("truths", truths, columns=rows.shape[1])
     found: dict[tuple[str, str], list[_One]] = {}
     weights = {label: model.weigh(rows) for label, model in models.items()}
-    for label, model in models.items():
-        option_log_w = model.weigh(options).log_w
-        for repetition in range(repetitions):
-            truth = prior.draw(rng, 1, rows.shape[1])[0] if given is None else given[repetition % len(given)]
-            chosen = choose(rng, truth, options, option_log_w, demonstrations)
-            for other, weighing in weights.items():
-                if pool is None:
-                    choices = Choices(rows, weighing.log_w, rows[chosen], weighing.log_w[chosen])
-                else:
-                    choices = Choices.joining(weighing, options[chosen], rows)
-                draws = sample_weights(rng, choices, prior, count)
-                one = _One.of(draws, choices, truth, with_score=len(models) > 1)
-                found.setdefault((label, other), []).append(one)
+    option_log_w = {label: model.weigh(options).log_w for label, model in models.items()}
+    for number in tracked(range(len(models) * repetitions)):
+        label, repetition = list(models)[number // repetitions], number % repetitions
+        truth = prior.draw(rng, 1, rows.shape[1])[0] if given is None else given[repetition % len(given)]
+        chosen = choose(rng, truth, options, option_log_w[label], demonstrations)
+        for other, weighing in weights.items():
+            if pool is None:
+                choices = Choices(rows, weighing.log_w, rows[chosen], weighing.log_w[chosen])
+            else:
+                choices = Choices.joining(weighing, options[chosen], rows)
+            draws = sample_weights(rng, choices, prior, count)
+            one = _One.of(draws, choices, truth, with_score=len(models) > 1)
+            found.setdefault((label, other), []).append(one)
     return Calibration({pair: _together(some) for pair, some in found.items()})
 
 

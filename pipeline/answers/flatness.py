@@ -18,7 +18,8 @@ class Flatness:
 
     Attributes:
         counts: (B,) in equal bins.
-        lower, upper: counts within which every bin of a flat histogram falls, together with probability 0.99.
+        lower, upper: counts within which every bin of all histograms that are looked at together falls with
+            probability 0.99 or more, if all are flat.
         p_value: of Pearson's chi-square against flatness.
     """
 
@@ -33,8 +34,14 @@ class Flatness:
         return bool(np.all((self.counts >= self.lower) & (self.counts <= self.upper)))
 
 
-def flatness(places: ArrayLike, bins: int = 10) -> Flatness:
+def flatness(places: ArrayLike, bins: int = 10, together: int = 1) -> Flatness:
     """Whether places of the truth are uniform, as those of a calibrated posterior are.
+
+    Args:
+        places: (R,) between 0 and 1.
+        bins: B, of equal width.
+        together: how many histograms are looked at together; the band of each is as wide as all of them need
+            (Bonferroni).
 
     Raises:
         ArgumentError: there are fewer than five places for each bin, or one is not between 0 and 1.
@@ -49,7 +56,7 @@ def flatness(places: ArrayLike, bins: int = 10) -> Flatness:
     counts = np.bincount(np.minimum((values * bins).astype(int), bins - 1), minlength=bins).astype(np.float64)
     number = np.arange(len(values) + 1)
     cumulative = special.bdtr(number, len(values), 1 / bins)
-    tail = 0.01 / (2 * bins)
+    tail = 0.01 / (2 * bins * together)
     lower, upper = np.searchsorted(cumulative, [tail, 1 - tail])
     expected = len(values) / bins
     chi_square = float(((counts - expected) ** 2).sum() / expected)

@@ -123,6 +123,7 @@ def calibrate(
     """Simulate people with known weights, and say what this number of demonstrations can tell.
 
     Could they tell LESS from Boltzmann, and one set of weights from another? A hundred repetitions take half a minute.
+    Rank histograms, which say whether the inference is calibrated, go into datasets/TASK/calibration.
 
     Example: `lessbench calibrate table --demonstrations 30`
     """

@@ -1,23 +1,39 @@
-"""`lessbench calibrate`: what as many demonstrations as these could tell, from these alternatives."""
+"""`lessbench calibrate`: what as many demonstrations as these could tell, from these alternatives.
+
+It also says whether the inference is calibrated there, by rank histograms (simulation-based calibration).
+"""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import polars as pl
 
-from pipeline.answers.calibration import LEVEL, Calibration, calibrate
+from pipeline.answers.calibration import BINS, LEVEL, PER_BIN, Calibration, calibrate
 from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.models import Model
 from pipeline.errors import StageError
+from pipeline.formats.files.atomic import folder_written_whole, written_whole
 from pipeline.formats.parquet.task_tables import TaskTables
 from pipeline.stages.registry import parameters
 from pipeline.terminal import say
 from pipeline.trajectories.random_streams import child_rng
+from pipeline.views.figures.calibration import rank_histograms_figure
+from pipeline.views.figures.style import printed, write_figure
 from pipeline.vocabulary import TASK_ANCHOR, model_name
 from pipeline.workspace.choice_sets import choice_tables, read_choices
-from pipeline.workspace.project import Project
+from pipeline.workspace.progress import tracked
+from pipeline.workspace.project import Project, recorded_run
 
+FOLDER = "calibration"  # in the task's folder of datasets
+CAPTION = (
+    "Simulation-based calibration: how often the true weights fall into each part of their posterior, where a model "
+    "infers what it chose itself. Flat is right. The grey band holds all bars of all panels together with probability "
+    "0.99 if every histogram is flat."
+)
 ODDS = 10
 APART_DEG = 45.0
 
@@ -38,6 +54,8 @@ class Wanted:
 def run(project: Project, name: str, wanted: Wanted) -> None:
     """Simulate people on the task's own alternatives, infer them back, and say how well that went.
 
+    The rank histograms are written into `datasets/<task>/calibration`.
+
     Raises:
         StageError: each demonstration has alternatives of its own.
         TableError: a table is missing or not what it should be.
@@ -55,9 +73,67 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
     rng = child_rng(project.params.seed, "calibrate", count)
     own = chosen.sets[TASK_ANCHOR]
     models: dict[str, Model] = {LESS.name: LESS(own.bandwidth), Boltzmann.name: Boltzmann()}
-    found = calibrate(rng, models, own.raw / chosen.scale, count, wanted.repetitions)
-    for line in lines(name, found, count, f"who choose from {len(own.raw):,} sampled alternatives"):
+    target = project.datasets / name / FOLDER
+    with recorded_run(project, "calibrate", name) as record:
+        found = calibrate(
+            rng, models, own.raw / chosen.scale, count, wanted.repetitions,
+            tracked=lambda numbers: tracked(numbers, f"calibrate {name}"),
+        )  # fmt: skip
+        said = lines(name, found, count, f"who choose from {len(own.raw):,} sampled alternatives")
+        ranks = rank_table(found, chosen.features)
+        if ranks.height:
+            with printed(project.params.figures), folder_written_whole(target) as folder:
+                write_figure(folder, "ranks", rank_histograms_figure(ranks), CAPTION)
+                text = io.StringIO()
+                ranks.write_csv(text)
+                with written_whole(folder / "ranks.csv") as stream:
+                    stream.write(text.getvalue().encode())
+            record.produced = f"ranks.svg and ranks.csv in {project.shown(target)}"
+        else:
+            record.produced = "no rank histograms"
+    for line in [*said, *rank_lines(ranks, project.shown(target))]:
         say(line)
+
+
+def rank_table(found: Calibration, features: Sequence[str]) -> pl.DataFrame:
+    """A row for each bin of each rank histogram, empty if there were too few repetitions.
+
+    Columns: model; of (a feature's weight, beta or direction); from, to (ends of the bin); count; lower, upper (within
+    which it should be); p_value (of the histogram).
+    """
+    rows = [
+        (model, of, number / len(one.counts), (number + 1) / len(one.counts), int(count), one.lower, one.upper,
+         one.p_value)
+        for (model, of), one in found.rank_histograms(features).items()
+        for number, count in enumerate(one.counts)
+    ]  # fmt: skip
+    return pl.DataFrame(
+        rows,
+        {
+            "model": pl.String, "of": pl.String, "from": pl.Float64, "to": pl.Float64, "count": pl.Int64,
+            "lower": pl.Float64, "upper": pl.Float64, "p_value": pl.Float64,
+        },
+        orient="row",
+    )  # fmt: skip
+
+
+def rank_lines(ranks: pl.DataFrame, folder: str) -> list[str]:
+    """What the rank histograms say, in words."""
+    if ranks.is_empty():
+        return [f"no rank histograms: they need at least {2 * PER_BIN} repetitions, and {BINS * PER_BIN} for ten bins"]
+    said, bins = [], ranks["from"].n_unique()
+    for model in ranks["model"].unique(maintain_order=True):
+        mine = ranks.filter(model=model).group_by("of", maintain_order=True)
+        each = mine.agg(flat=pl.col("count").is_between("lower", "upper").all(), p=pl.col("p_value").first())
+        uneven = each.filter(~pl.col("flat"))["of"].to_list()
+        which = f"; not {', '.join(uneven)}" if uneven else ""
+        said.append(
+            f"{model_name(model)} infers its own choices: {each['flat'].sum()} of {each.height} rank histograms of the "
+            f"truth are flat ({bins} bins, least p {float(each['p'].to_numpy().min()):.2g}){which}"
+        )
+    bad = not ranks["count"].is_between(ranks["lower"], ranks["upper"]).all()
+    verdict = "so the inference is NOT calibrated here" if bad else "so nothing speaks against its calibration here"
+    return [*said, f"{verdict}; see {folder}/ranks.svg"]
 
 
 def lines(name: str, found: Calibration, demonstrations: int, what: str) -> list[str]:

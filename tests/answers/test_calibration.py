@@ -7,6 +7,7 @@ from pipeline.answers.calibration import calibrate
 from pipeline.answers.flatness import flatness
 from pipeline.answers.group_calibration import calibrate_group
 from pipeline.choice import LESS, Boltzmann
+from pipeline.choice.weights import WeightPrior
 from pipeline.errors import ArgumentError
 
 RNG = np.random.default_rng(0)
@@ -31,6 +32,30 @@ def test_places_of_the_truth_are_flat(calibration, model: str) -> None:
     assert found.coverage(0.5) == pytest.approx(0.5, abs=0.1)
     # the cap of 0.9 is as wide as the errors are
     assert np.mean(found.angle <= found.cap) == pytest.approx(found.coverage(), abs=0.01)
+
+
+def test_rank_histograms_of_all_that_is_inferred(calibration) -> None:
+    found = calibration.rank_histograms(["near", "low"])
+    of = ("near", "low", "beta", "direction")
+    assert list(found) == [(model, name) for model in MODELS for name in of]
+    assert all(one.counts.sum() == REPETITIONS and len(one.counts) == 10 for one in found.values())
+    assert all(one.flat for one in found.values())
+    assert found["less", "beta"].upper > flatness(calibration.recoveries["less", "less"].beta_place).upper
+
+
+def test_rank_histograms_show_a_prior_that_is_not_that_of_the_truths() -> None:
+    """People are ten times as decided as the prior says, which is too narrow."""
+    prior = WeightPrior((0.5,))
+    truths = 10 * prior.draw(np.random.default_rng(0), 60, 2)
+    found = calibrate(np.random.default_rng(1), {"less": LESS(0.1)}, ROWS, 1, 60, prior=prior, truths=truths)
+    assert not found.rank_histograms(["near", "low"])["less", "beta"].flat
+
+
+def test_rank_histograms_need_enough_repetitions() -> None:
+    few = calibrate(np.random.default_rng(1), {"less": LESS(0.1)}, ROWS, 1, 12)
+    assert [len(one.counts) for one in few.rank_histograms(["near", "low"]).values()] == [2] * 4
+    fewer = calibrate(np.random.default_rng(1), {"less": LESS(0.1)}, ROWS, 1, 9)
+    assert fewer.rank_histograms(["near", "low"]) == {}
 
 
 @pytest.mark.parametrize(("chosen_by", "inferred_by"), [("boltzmann", "less"), ("less", "boltzmann")])
