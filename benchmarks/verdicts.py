@@ -1,5 +1,7 @@
-"""Verdicts on simulated set-ups against their truth: `python -m benchmarks.verdicts [SEEDS] [FIRST]`, 10 of each kind
-unless told.
+"""Verdicts on simulated set-ups against their truth: `python -m benchmarks.verdicts [SEEDS] [FIRST] [KINDS]`.
+
+SEEDS set-ups of each kind are made, 10 unless told, from the seeds FIRST and up. KINDS is what a kind's name begins
+with, such as explored; without it, all kinds are judged.
 """
 
 from __future__ import annotations
@@ -19,8 +21,9 @@ from pipeline.answers.verdict import Trust
 def main() -> None:
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 10
     first = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    wanted = sys.argv[3] if len(sys.argv) > 3 else ""
     rows, total, reasons, took = [], Counter[tuple[Trust, bool]](), Counter[str](), 0.0
-    for kind in KINDS:
+    for kind in (kind for kind in KINDS if kind.startswith(wanted)):
         found: Counter[tuple[Trust, bool]] = Counter()
         for seed in range(first, first + seeds):
             setup = make(kind, seed)
