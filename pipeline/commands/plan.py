@@ -213,6 +213,7 @@ def _clear(room: Room, wanted: Wanted, clear: bool, states: TimedMotion, scene: 
     lines = [f"  {said}: no contact, and no limit is passed"]
     if not (clear and within):
         lines = [f"  careful: between its waypoints the motion passes a limit or has a contact; {said}"]
+    lines += [f"  {remark}" for remark in room.remarks]
     if wanted.contacts and room.contacts is None:
         lines.append("  contacts were not checked: no geom of the arm can touch another (contype and conaffinity)")
     return lines

@@ -18,6 +18,7 @@ from pipeline.trajectories.samplers import Draw, Fate, Sampler, draw_admissible
 
 YIELD_M = 0.02  # how far the ends may be under the surface: calibration, and cups that are put down
 TOUCH_M = 0.01  # how far what touches at the ends may be in each other
+_ROUNDING_M = 1e-6  # what turns within another part stays as deep in it, but for MuJoCo's rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,5 +163,5 @@ def _contacts(scene: Scene, anchor: Anchor, whose: str, remarks: list[str]) -> C
                     "overlap, add them to its <contact> as <exclude body1=... body2=.../>"
                 )
             remarks.append(f"{what}; paths may have them as deep")
-            allowed[pair] = max(depth, allowed.get(pair, 0.0))
+            allowed[pair] = max(depth + _ROUNDING_M, allowed.get(pair, 0.0))
     return Contacts(scene, allowed)

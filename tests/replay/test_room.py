@@ -202,6 +202,21 @@ def test_what_touches_at_the_ends_may_touch_as_deep_on_the_way(gantry):
         room(changed(gantry, deep, exclude), surface=None, collisions=True)
 
 
+def test_a_ring_may_turn_on_the_column_that_it_sits_on(tmp_path: Path) -> None:
+    """Its depth is the same at every angle, but not to the last bit."""
+    (tmp_path / "ring.xml").write_text("""<mujoco><worldbody>
+      <body name="base"><geom type="cylinder" pos="0 0 0.08" size="0.043 0.074"/>
+        <body name="link" pos="0 0 0.15675" xyaxes="-1 0 0 0 1 0">
+          <joint name="turn" axis="0 0 1"/><geom type="cylinder" size="0.0445 0.007"/>
+        </body></body></worldbody>
+      <keyframe><key name="start" qpos="1.8186"/><key name="goal" qpos="3.6792"/></keyframe></mujoco>""")
+    scene = load_scene(tmp_path / "ring.xml", end_effector="link", joints=["turn"])
+    made = Room.of(scene, None, True, Anchor(np.array([1.8186]), np.array([3.6792])), "the plan")
+    assert len(made.remarks) == 2
+    paths = np.linspace(1.8186, np.linspace(2.0, 6.0, 20), 15)[..., None].swapaxes(0, 1)
+    assert made.admissible(paths).all()
+
+
 def test_where_nothing_can_touch_it_is_said(gantry):
     with pytest.raises(SceneError, match=r"nothing that the joints move can touch anything, .* contype meets"):
         room(changed(gantry, LOOSE), collisions=True)
