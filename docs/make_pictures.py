@@ -22,7 +22,7 @@ from PIL import Image
 from take_pictures import take_picture
 
 from pipeline.choice import LESS, Boltzmann, log_density, log_probabilities
-from pipeline.commands.watch import Until, run
+from pipeline.commands.watch.session import Until, run
 from pipeline.views.palette import MODELS, RGB
 from pipeline.vocabulary import BOLTZMANN
 from pipeline.vocabulary import LESS as LESS_NAME

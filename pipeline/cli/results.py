@@ -285,7 +285,7 @@ def watch(
     Examples: `lessbench watch datasets/table/recordings --live`, `lessbench watch --task table --until 12`
     """
     from pipeline.commands.serve import Live
-    from pipeline.commands.watch import Until, run
+    from pipeline.commands.watch.session import Until, run
 
     run(this_project(), folder, task, Until(until, idle_s), Live(bind, port) if live else None, as_json)
 

@@ -16,8 +16,8 @@ import polars as pl
 import pytest
 from rerun.chunk import RrdReader
 
-from pipeline.commands import watch
-from pipeline.commands.watch import Until, which_task
+from pipeline.commands.watch import session
+from pipeline.commands.watch.session import Until, run, which_task
 from pipeline.errors import StageError, TableError
 from pipeline.formats.mcap.joint_states import write_joint_states
 from pipeline.formats.parquet.tables import read_table
@@ -32,7 +32,7 @@ KEYS = ["model", "demonstration_id", "participant", "theta_id", "beta"]
 
 @pytest.fixture(autouse=True)
 def _often(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(watch, "LOOK_S", 0.02)
+    monkeypatch.setattr(session, "LOOK_S", 0.02)
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_recordings_come_while_it_runs(project: Project, tmp_path: Path, capsys:
 
     feeder = threading.Thread(target=people)
     feeder.start()
-    watch.run(project, folder, None, Until(demonstrations=3, idle_s=60), None)
+    run(project, folder, None, Until(demonstrations=3, idle_s=60), None)
     feeder.join()
     said.append(capsys.readouterr().out)
     lines = "".join(said).splitlines()
@@ -144,7 +144,7 @@ def test_what_changes_is_taken_anew_and_what_goes_is_forgotten(
 
     feeder = threading.Thread(target=people)
     feeder.start()
-    watch.run(project, folder, None, Until(idle_s=3.0), None)
+    run(project, folder, None, Until(idle_s=3.0), None)
     feeder.join()
     assert heard("1 demonstration, 1 not used; kept in datasets/sweep/watch")
 
@@ -161,7 +161,7 @@ def test_a_copy_counts_once(project: Project, tmp_path: Path, capsys: pytest.Cap
     folder = tmp_path / "coming"
     for name in ("first.mcap", "second.mcap"):
         bow(folder / name)
-    watch.run(project, folder, None, Until(idle_s=0.5), None)
+    run(project, folder, None, Until(idle_s=0.5), None)
     said = capsys.readouterr().out
     assert "second.mcap: not used (copy): It holds the same recording as first.mcap, which is used" in said
     assert "1 demonstration, 1 not used; kept in datasets/sweep/watch" in said
@@ -171,7 +171,7 @@ def test_what_happens_as_json(project: Project, tmp_path: Path, capsys: pytest.C
     folder = tmp_path / "coming"
     for name in ("first.mcap", "second.mcap"):
         bow(folder / name)
-    watch.run(project, folder, None, Until(idle_s=0.5), None, as_json=True)
+    run(project, folder, None, Until(idle_s=0.5), None, as_json=True)
     events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [event["event"] for event in events] == ["watching", "taken", "rejected", "end", "note"]
     _, taken, rejected, end, _ = events
@@ -205,7 +205,7 @@ def test_it_serves_while_it_watches_and_keeps_what_it_has_when_told_to_end(proje
 
 def test_the_real_viewer_shows_what_was_watched(project: Project, tmp_path: Path) -> None:
     drawn = pictures()
-    watch.run(project, None, None, Until(demonstrations=3), None)
+    run(project, None, None, Until(demonstrations=3), None)
     with drawn.headless_viewer(project.datasets / "sweep" / "watch" / "inspect.rrd") as viewer:
         time.sleep(1.0)
         state = viewer.get_state()
@@ -216,7 +216,7 @@ def test_the_real_viewer_shows_what_was_watched(project: Project, tmp_path: Path
 
 
 def test_the_recording_ends_with_the_rows_names_and_axes_of_inspect(project: Project) -> None:
-    watch.run(project, None, None, Until(demonstrations=3), None)
+    run(project, None, None, Until(demonstrations=3), None)
     inspect.run(project, "sweep")
     folder = project.datasets / "sweep"
     watched, inspected = (logged(path / "inspect.rrd") for path in (folder / "watch", folder))
@@ -251,7 +251,7 @@ def test_nothing_came_and_nothing_is_lost(project: Project, tmp_path: Path, caps
     kept = project.datasets / "sweep" / "watch"
     kept.mkdir()
     (kept / "posteriors.parquet").write_text("of an earlier day")
-    watch.run(project, tmp_path / "nowhere", None, Until(idle_s=0.0), None)
+    run(project, tmp_path / "nowhere", None, Until(idle_s=0.0), None)
     assert capsys.readouterr().out.splitlines()[-1] == "no demonstration came, so nothing was kept"
     assert (kept / "posteriors.parquet").read_text() == "of an earlier day"
 
@@ -276,7 +276,7 @@ def test_task_and_folder_say_each_other(make_project: Make, parameters: dict[str
 def test_tables_that_cannot_serve_are_refused(make_project: Make, parameters: dict[str, Any]) -> None:
     project = make_project(parameters)
     with pytest.raises(TableError, match="dvc repro"):
-        watch.run(project, None, None, Until(idle_s=0), None)
+        run(project, None, None, Until(idle_s=0), None)
     parameters["tasks"]["sweep"]["anchor"] = "demonstration"
     with pytest.raises(StageError, match="each demonstration needs alternatives of its own"):
-        watch.run(make_project(parameters), None, None, Until(idle_s=0), None)
+        run(make_project(parameters), None, None, Until(idle_s=0), None)

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from pipeline.commands import watch
+from pipeline.commands.watch.session import Until, run
 from pipeline.formats.duckdb.questions import ask
 from pipeline.formats.parquet.tables import read_table
 from pipeline.formats.parquet.task_tables import TaskTables
@@ -188,7 +188,7 @@ def test_a_project_without_the_section_has_its_defaults(make_project: Make, para
 
 
 def test_watching_gives_the_posteriors_of_the_stage(project: Project) -> None:
-    watch.run(project, None, "sweep", watch.Until(demonstrations=3), None)
+    run(project, None, "sweep", Until(demonstrations=3), None)
     watched = read_table(project.datasets / "sweep" / "watch" / "explored_posteriors.parquet", "explored_posteriors")
     made = table(project, "explored_posteriors")
     keys = ["demonstration_id", "participant", "model", "exploration", "theta_id", "beta"]

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from pipeline.commands import watch
 from pipeline.commands.verify import verify
+from pipeline.commands.watch import session, setting
 from pipeline.formats.parquet.checked import open_table
 from pipeline.stages.registry import STAGES, table_makers
 from pipeline.vocabulary import STUDIES
@@ -70,8 +70,8 @@ def test_verify_and_watch_open_each_table_once(
         path for path in project.tables(TASK, table_makers(TASK)).values() if path.exists()
     )
     opened.clear()
-    watch.run(project, None, TASK, watch.Until(demonstrations=2), None)
-    assert Counter(opened) == Counter(project.tables(TASK, watch.TABLES).values())
+    session.run(project, None, TASK, session.Until(demonstrations=2), None)
+    assert Counter(opened) == Counter(project.tables(TASK, setting.TABLES).values())
 
 
 @pytest.mark.parametrize("folder", ["set[1]", "a*b", "year=2020"])

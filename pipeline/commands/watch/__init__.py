@@ -1,0 +1,1 @@
+"""`lessbench watch`: a folder is followed, and what its recordings say is shown and kept."""
