@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures.process import BrokenProcessPool
 from importlib.metadata import version
 
 from pipeline.errors import StageError
@@ -25,7 +26,7 @@ def run(project: Project) -> None:
     """Write the tables of the study, its figures and its page, datasets/trips.html.
 
     Raises:
-        StageError: no trips were imported.
+        StageError: no trips were imported, or a process that draws paths was ended from outside.
         ArgumentError: a model cannot be estimated.
     """
     inputs = [project.table(STUDIES, name) for name in stage("trips").reads]
@@ -34,9 +35,15 @@ def run(project: Project) -> None:
     figures, page = (project.path(output) for output in stage("trips").outputs)
     with recorded_run(project, "trips", STUDIES, (figures, page)) as record:
         network, observed = (read_table(path, path.stem) for path in inputs)
-        study = run_trips(
-            Roads.of(network, observed), project.params.seed, tracked=lambda numbers: tracked(numbers, "samplings")
-        )
+        try:
+            study = run_trips(
+                Roads.of(network, observed), project.params.seed, tracked=lambda numbers: tracked(numbers, "samplings")
+            )
+        except BrokenProcessPool:
+            raise StageError(
+                "a process that draws paths was ended from outside, most often for lack of memory; close other "
+                "programs and run it again"
+            ) from None
         stated = provenance(project, parameters("trips"), inputs)
         town = town_map(network)
         for name, table in (vars(study) | {"map": town}).items():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import signal
 from collections.abc import Callable
 from html import escape
 from pathlib import Path
@@ -11,8 +14,10 @@ import polars as pl
 import pytest
 
 from pipeline.commands import import_trips
+from pipeline.errors import StageError
 from pipeline.stages import trips
 from pipeline.stages.registry import stage
+from pipeline.studies.trips import choices
 from pipeline.studies.trips.path_models import BY_SET, MODELS
 from pipeline.studies.trips.roads import Roads
 from pipeline.studies.trips.study import TripsStudy, run_trips
@@ -54,3 +59,21 @@ def test_from_four_files_to_the_page(
     assert f"{tables['trips_exact']['log_likelihood'][0]:.4f} at the estimates" in page
     figures = {path.name for path in (project.root / "datasets/studies/trips_figures").iterdir()}
     assert figures == {f"{name}.{kind}" for name in ("routes", "samplers", "scores") for kind in ("pdf", "png", "svg")}
+
+
+def test_a_process_that_is_ended_from_outside_is_named_in_a_sentence(
+    make_project: Make, parameters: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the system ends one when memory is short."""
+    project = make_project(parameters)
+    import_trips.run(project, write_small_roads(tmp_path / "roads"))
+    monkeypatch.setattr(choices, "_FEW", 0)
+    monkeypatch.setattr(choices, "_parts", _ended)
+    with pytest.raises(StageError, match="ended from outside, most often for lack of memory; close other programs"):
+        trips.run(project)
+    assert not (project.root / "datasets/trips.html").exists()
+
+
+def _ended(*_: Any) -> None:
+    assert multiprocessing.parent_process() is not None  # never the process of the tests
+    os.kill(os.getpid(), signal.SIGKILL)

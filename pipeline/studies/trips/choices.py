@@ -41,7 +41,7 @@ PILOT = 60  # about how many trips the scale and the bandwidth are taken from
 LARGEST_PILOT = 500  # paths of one trip
 NEST_BANDWIDTHS = 2.0  # two paths of a nest are at most so many bandwidths of LESS apart
 WORKERS = min(os.cpu_count() or 1, 4)
-_AT_ONCE = 12  # destinations whose trips one call draws
+_AT_ONCE = 4  # destinations whose trips one call draws; Ctrl-C waits for a few of them
 _FEW = 200  # trips that are drawn before further processes would have begun
 _WEIGHED = (BOLTZMANN_CORRECTED, LESS, LESS_POOLED, LESS_LINKS)
 
