@@ -14,14 +14,19 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from polars import testing as pl_testing
 from rerun.chunk import RrdReader
 
+from pipeline.choice import LESS, Boltzmann
+from pipeline.choice.weights import Choices, sample_weights, weighted_quantiles
 from pipeline.commands.watch import session
+from pipeline.commands.watch.belief import Belief
 from pipeline.commands.watch.session import Until, run, which_task
+from pipeline.commands.watch.setting import read_setting
 from pipeline.errors import StageError, TableError
 from pipeline.formats.mcap.joint_states import write_joint_states
 from pipeline.formats.parquet.tables import read_table
-from pipeline.stages import density, featurize, infer, ingest, inspect, sample
+from pipeline.stages import answer, density, featurize, infer, ingest, inspect, sample
 from pipeline.views.rerun.timelines import DEMONSTRATIONS
 from pipeline.workspace.project import Project
 from tests.support.live_viewer import entities, lessbench, listening, not_blank, pictures, received
@@ -209,7 +214,7 @@ def test_the_real_viewer_shows_what_was_watched(project: Project, tmp_path: Path
     with drawn.headless_viewer(project.datasets / "sweep" / "watch" / "inspect.rrd") as viewer:
         time.sleep(1.0)
         state = viewer.get_state()
-        assert len(state.views) == 11
+        assert len(state.views) == 12
         assert [view.reports for view in state.views if view.reports] == []
         viewer.save_screenshot(str(tmp_path / "watched.png"))
     not_blank(tmp_path / "watched.png")
@@ -217,10 +222,12 @@ def test_the_real_viewer_shows_what_was_watched(project: Project, tmp_path: Path
 
 def test_the_recording_ends_with_the_rows_names_and_axes_of_inspect(project: Project) -> None:
     run(project, None, None, Until(demonstrations=3), None)
+    answer.run(project, "sweep")
     inspect.run(project, "sweep")
     folder = project.datasets / "sweep"
     watched, inspected = (logged(path / "inspect.rrd") for path in (folder / "watch", folder))
-    for entity in ("/posterior/names", "/map/axis_names", "/series/joints/rail"):
+    entities = ("/posterior/names", "/map/axis_names", "/series/joints/rail", "/weights/names")
+    for entity in entities:
         (last,) = watched[entity][-1:]
         assert last == inspected[entity][-1], entity
     series = {entity for entity in inspected if entity.startswith("/series/features")}
@@ -234,6 +241,35 @@ def test_the_recording_ends_with_the_rows_names_and_axes_of_inspect(project: Pro
         for step in chunk.to_record_batch().column(DEMONSTRATIONS).to_pylist()
     ]
     assert steps == [1, 2, 3]
+
+
+def test_weights_of_all_so_far_whatever_the_order(project: Project) -> None:
+    setting = read_setting(project, "sweep")
+    rows = read_table(project.table("sweep", "demonstrations"), "demonstrations").to_dicts()
+    for row in rows:
+        row["waypoints"] = np.array(row["waypoints"], dtype=np.float64)
+    one, other = (Belief(setting, ("less", "boltzmann")) for _ in range(2))
+    assert one.weights() is None
+    for row, last in zip(rows, reversed(rows), strict=True):
+        one.take(row)
+        other.take(last)
+    found, again = one.weights(), other.weights()
+    assert found is not None
+    assert again is not None
+    pl_testing.assert_frame_equal(found.summary, again.summary)
+    phi, alternatives = one.phi, setting.raw / setting.scale
+    for label, model in (("less", LESS(setting.bandwidth)), ("boltzmann", Boltzmann())):
+        choices = Choices.outside(model, phi, alternatives)
+        draws = sample_weights(np.random.default_rng(5), choices, count=8192)
+        mine = found.summary.filter(model=label)
+        assert mine["feature"].to_list() == list(setting.features)
+        for column, level in (("low", 0.05), ("median", 0.5), ("high", 0.95)):
+            expected = weighted_quantiles(draws.directions, draws.weight, [level])[0]
+            # both by chance, from 1,024 and 8,192 draws
+            np.testing.assert_allclose(mine[column].to_numpy(), expected, atol=0.12)
+    for row in rows:
+        one.drop(row["demonstration_id"])
+    assert one.weights() is None
 
 
 def logged(path: Path) -> dict[str, list[Any]]:

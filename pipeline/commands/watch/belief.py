@@ -6,16 +6,22 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import polars as pl
 
 from pipeline.arrays import FloatArray
 from pipeline.choice import Posterior, entropy, log_likelihood, posterior_from
 from pipeline.choice.models import choice_model
+from pipeline.choice.weights import Choices, sample_weights, weighted_quantiles
 from pipeline.commands.watch.setting import Setting
+from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.live_recording import Believed
+from pipeline.views.rerun.records import Weights
 from pipeline.views.task_summary import theta_labels
 from pipeline.views.task_view import EXPLORED, mean_posterior, over_what
-from pipeline.views.truth import known_truth
-from pipeline.vocabulary import model_name
+from pipeline.views.truth import Truth, known_truth
+from pipeline.vocabulary import BOLTZMANN, LESS, model_name
+
+DRAWS = 1024  # of the weights, after each demonstration
 
 
 @dataclass
@@ -68,6 +74,34 @@ class Belief:
             else posterior_from(self.values(model).sum(axis=0), setting.thetas, setting.betas)
             for model in self.models
         }
+
+    def weights(self) -> Weights | None:
+        """The weights of all demonstrations together, as if they were one person's; None if there is none yet."""
+        setting, asked = self.setting, [model for model in self.models if model in (LESS, BOLTZMANN)]
+        if not self.rows or not asked:
+            return None
+        tables = []
+        for model in asked:
+            if model in setting.space.regions:
+                choices = Choices.over(setting.space.regions[model], self.phi)
+            else:
+                rows = setting.raw / setting.scale
+                choices = Choices.outside(choice_model(model, setting.bandwidth), self.phi, rows)
+            draws = sample_weights(child_rng(setting.seed, "watch", "weights", model), choices, count=DRAWS)
+            low, median, high = weighted_quantiles(draws.directions, draws.weight, (0.05, 0.5, 0.95))
+            tables.append(
+                pl.DataFrame({"feature": setting.features, "low": low, "median": median, "high": high}).with_columns(
+                    model=pl.lit(model)
+                )
+            )
+        truth = self.truth()
+        return Weights(setting.features, pl.concat(tables), None if truth is None else truth.mean)
+
+    def truth(self) -> Truth | None:
+        """What the people so far truly want, if their recordings say it."""
+        setting = self.setting
+        stated = [self.rows[key]["true_theta"] for key in sorted(self.rows)]
+        return known_truth(stated, setting.features, setting.scale, setting.thetas)
 
     @property
     def phi(self) -> FloatArray:
@@ -132,7 +166,5 @@ def believed(belief: Belief) -> Believed:
         "",
         *belief.setting.answer,
     ]
-    setting = belief.setting
-    stated = [row["true_theta"] for row in belief.rows.values()]
-    truth = known_truth(stated, setting.features, setting.scale, setting.thetas)
-    return Believed(posteriors, "\n".join(lines), None if truth is None else truth.nearest)
+    truth = belief.truth()
+    return Believed(posteriors, "\n".join(lines), None if truth is None else truth.nearest, belief.weights())

@@ -49,6 +49,7 @@ class Setting:
         feature_set: what evaluates the features.
         thetas, betas: the hypotheses.
         space: the explored choice space.
+        seed: of the project.
         answer: what `lessbench answer` says of the task's own demonstrations, in Markdown; empty if there is none yet.
         sources: the tables, which are closed.
     """
@@ -68,6 +69,7 @@ class Setting:
     thetas: FloatArray
     betas: FloatArray
     space: ExploredSpace
+    seed: int
     answer: tuple[str, ...]
     sources: tuple[OpenTable, ...]
 
@@ -130,6 +132,7 @@ def read_setting(project: Project, name: str) -> Setting:
         thetas=thetas,
         betas=betas,
         space=ExploredSpace.of(project.table(name, "explored"), thetas, betas),
+        seed=project.params.seed,
         answer=_answer(project, name),
         sources=sources,
     )

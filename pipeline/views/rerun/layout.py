@@ -63,7 +63,7 @@ def _people_page(inspection: Inspection) -> rrb.Container:
     believed: list[rrb.View] = [_posterior_view(inspection)]
     if inspection.weights is not None:
         name = "Weights (line: 90 % interval)"
-        believed.append(page_view("weights", name, weights_bounds(inspection.weights)))
+        believed.append(page_view("weights", name, weights_bounds(len(inspection.weights.features))))
     above = rrb.Horizontal(_scene_view(inspection), _one_or_tabs(believed), column_shares=[8, 12])
     motions, longest_s = inspection.motions, float((inspection.end_s - inspection.start_s).max())
     below = rrb.Horizontal(

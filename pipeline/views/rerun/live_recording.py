@@ -37,13 +37,14 @@ from pipeline.views.rerun.series import (
     motion_views,
 )
 from pipeline.views.rerun.timelines import TIMELINE, at
+from pipeline.views.rerun.weights import log_weights, weights_bounds
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from pipeline.arrays import FloatArray
     from pipeline.views.feature_axis import FeatureAxis
-    from pipeline.views.rerun.records import AlternativeSet, Replay
+    from pipeline.views.rerun.records import AlternativeSet, Replay, Weights
     from pipeline.views.task_summary import DensityMap
 
 _PAUSE_S = 0.5  # between two demonstrations
@@ -86,11 +87,13 @@ class Believed:
         posteriors: for each model, (K,) probabilities.
         summary: text in Markdown.
         truth: the hypothesis nearest to what the people so far truly want; None if that is not known.
+        weights: of all demonstrations so far together; None if there is none yet.
     """
 
     posteriors: Mapping[str, FloatArray]
     summary: str
     truth: int | None = None
+    weights: Weights | None = None
 
 
 @dataclass(frozen=True)
@@ -179,6 +182,10 @@ class Watched:
         if self._step:  # before, no hypothesis is ahead of another
             now = {model: first_of(posterior, MOST_LINES_WATCHED) for model, posterior in belief.posteriors.items()}
             self._lines.log(belief.posteriors, now)
+        if belief.weights is not None:
+            log_weights(self._recording, belief.weights, static=False)
+        elif self._step:
+            self._recording.log("weights", rr.Clear(recursive=True))
         text = rr.TextDocument(drawable(belief.summary), media_type=rr.MediaType.MARKDOWN)
         self._recording.log("summary", text)
         self._recording.reset_time()
@@ -202,9 +209,13 @@ def _layout(beginning: Beginning) -> rrb.Blueprint:
     poses, paths, models = beginning.poses, beginning.alternatives.paths, tuple(beginning.prior.posteriors)
     in_picture = np.concatenate([paths.reshape(-1, 3), poses.body_positions[:, 1:].reshape(-1, 3)])
     name = f"Posterior: {beginning.theta_meaning}, after the demonstrations so far"
+    believed = [
+        page_view("posterior", name, bounds_of_any(models, len(beginning.theta_labels))),
+        page_view("weights", "Weights (line: 90 % interval)", weights_bounds(len(beginning.axes))),
+    ]
     above = rrb.Horizontal(
         scene_view(poses, in_picture, (), paths.reshape(-1, 3)),
-        page_view("posterior", name, bounds_of_any(models, len(beginning.theta_labels))),
+        rrb.Tabs(*believed, active_tab=0),
         column_shares=[8, 12],
     )
     below = rrb.Horizontal(
