@@ -140,17 +140,12 @@ class Session:
 
     def counts(self) -> list[str]:
         """How many demonstrations are in use, and how many files are not."""
-        unfinished = [
-            path for path in self.arrivals.open if path.name not in self.rejected and path.stem not in self.belief.rows
-        ]
+        used, unused = self.belief.rows, self.rejected
+        unfinished = [one.name for one in self.arrivals.open if one.name not in unused and one.stem not in used]
         return [
-            f"{len(self.belief.rows)} demonstration{'s' * (len(self.belief.rows) != 1)}",
-            *([f"{len(self.rejected)} not used"] if self.rejected else []),
-            *(
-                [f"{len(unfinished)} never closed ({', '.join(path.name for path in unfinished)})"]
-                if unfinished
-                else []
-            ),
+            f"{len(used)} demonstration{'s' * (len(used) != 1)}",
+            *([f"{len(unused)} not used"] if unused else []),
+            *([f"{len(unfinished)} never closed ({', '.join(unfinished)})"] if unfinished else []),
         ]
 
     def _files(self, until: Until) -> Iterator[Path]:
