@@ -19,11 +19,11 @@ from rerun.chunk import RrdReader
 
 from pipeline.choice import LESS, Boltzmann
 from pipeline.choice.weights import Choices, sample_weights, weighted_quantiles
-from pipeline.commands.watch import session
+from pipeline.commands.watch import belief, session
 from pipeline.commands.watch.belief import Belief
 from pipeline.commands.watch.session import Until, run, which_task
 from pipeline.commands.watch.setting import read_setting
-from pipeline.errors import StageError, TableError
+from pipeline.errors import StageError, TableError, WorkbenchError
 from pipeline.formats.mcap.joint_states import write_joint_states
 from pipeline.formats.parquet.tables import read_table
 from pipeline.stages import answer, density, featurize, infer, ingest, inspect, sample
@@ -270,6 +270,17 @@ def test_weights_of_all_so_far_whatever_the_order(project: Project) -> None:
     for row in rows:
         one.drop(row["demonstration_id"])
     assert one.weights() is None
+
+
+def test_weights_that_cannot_be_inferred_are_left_out(project: Project, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: Any, **__: Any) -> None:
+        raise WorkbenchError("no mode was found")
+
+    monkeypatch.setattr(belief, "sample_weights", fails)
+    run(project, None, None, Until(demonstrations=2), None)
+    shown = logged(project.datasets / "sweep" / "watch" / "inspect.rrd")
+    assert "/weights/names" not in shown
+    assert shown["/posterior/names"]
 
 
 def logged(path: Path) -> dict[str, list[Any]]:

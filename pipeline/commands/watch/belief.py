@@ -13,6 +13,7 @@ from pipeline.choice import Posterior, entropy, log_likelihood, posterior_from
 from pipeline.choice.models import choice_model
 from pipeline.choice.weights import Choices, sample_weights, weighted_quantiles
 from pipeline.commands.watch.setting import Setting
+from pipeline.errors import WorkbenchError
 from pipeline.trajectories.random_streams import child_rng
 from pipeline.views.rerun.live_recording import Believed
 from pipeline.views.rerun.records import Weights
@@ -76,7 +77,13 @@ class Belief:
         }
 
     def weights(self) -> Weights | None:
-        """The weights of all demonstrations together, as if they were one person's; None if there is none yet."""
+        """The weights of all demonstrations together, as if they were one person's; None if there are none to infer.
+
+        The hierarchy over people, which the answer has, takes too long after each recording: ten seconds a model.
+
+        Raises:
+            WorkbenchError: they cannot be inferred.
+        """
         setting, asked = self.setting, [model for model in self.models if model in (LESS, BOLTZMANN)]
         if not self.rows or not asked:
             return None
@@ -166,5 +173,10 @@ def believed(belief: Belief) -> Believed:
         "",
         *belief.setting.answer,
     ]
+    try:
+        weights = belief.weights()
+    except WorkbenchError as error:
+        weights = None
+        lines.append(f"\nNo weights are shown: {error}")
     truth = belief.truth()
-    return Believed(posteriors, "\n".join(lines), None if truth is None else truth.nearest, belief.weights())
+    return Believed(posteriors, "\n".join(lines), None if truth is None else truth.nearest, weights)

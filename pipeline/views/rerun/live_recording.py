@@ -211,7 +211,7 @@ def _layout(beginning: Beginning) -> rrb.Blueprint:
     name = f"Posterior: {beginning.theta_meaning}, after the demonstrations so far"
     believed = [
         page_view("posterior", name, bounds_of_any(models, len(beginning.theta_labels))),
-        page_view("weights", "Weights (line: 90 % interval)", weights_bounds(len(beginning.axes))),
+        page_view("weights", "Weights, all as one person (line: 90 % interval)", weights_bounds(len(beginning.axes))),
     ]
     above = rrb.Horizontal(
         scene_view(poses, in_picture, (), paths.reshape(-1, 3)),

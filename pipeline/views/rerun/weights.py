@@ -71,6 +71,8 @@ def log_weights(recording: rr.RecordingStream, weights: Weights, *, static: bool
         lines = rr.LineStrips2D(strips, radii=_TRUTH, colors=palette.WHITE, draw_order=3.0)
         recording.log("weights/truth", lines, static=static)
         legend.append(("white line: the truth", palette.WHITE))
+    elif not static:
+        recording.log("weights/truth", rr.Clear(recursive=False))
     step = (_NAMES + _WIDTH) / len(legend)
     names += [name for name, _ in legend]
     positions += [((place + 0.5) * step, -1.85 * _ROW) for place in range(len(legend))]
