@@ -193,12 +193,12 @@ def _lines(
         for feature, value, part in zip(chosen.features, plan.features * chosen.scale, share, strict=True)
     )
     most = float(weighted_quantiles(plan.regret[:, None], draws.weight, [0.9])[0, 0])
-    best = float((scaled @ draws.mean).max())
+    lead = plan.expected_reward - float((scaled @ draws.mean).max())
     return [
         f"{name}: the motion that is best for {wanted.person or 'someone new'} under {model_name(wanted.model)}, "
         f"{duration_s:.1f} s",
         f"  {places}",
-        f"  expected reward: {plan.expected_reward - best:+.2f} nat more than the best of them",
+        f"  expected reward: {abs(lead):.2f} nat {'more' if lead >= 0 else 'less'} than the best of them",
         f"  expected loss from not knowing the weights: {plan.expected_regret:.2f} nat (90 % probable: below "
         f"{most:.2f})",
         f"  for other plausible weights, the best motion is {plan.change.min():.2f} to {plan.change.max():.2f} rad "
