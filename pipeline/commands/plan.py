@@ -21,6 +21,7 @@ from pipeline.formats.files.atomic import folder_written_whole, written_whole
 from pipeline.formats.mcap.plan_writer import TimedMotion, write_plan
 from pipeline.formats.parquet.checked.open_table import OpenTable
 from pipeline.formats.parquet.task_tables import TaskTables
+from pipeline.replay.contacts import with_drawn_solids
 from pipeline.replay.features import bind_features
 from pipeline.replay.planning import Planning
 from pipeline.replay.replay import body_positions
@@ -137,13 +138,20 @@ def _anchor(scene: Scene, anchor: str, chosen: Chosen, mine: Sequence[int], name
 
 
 def _room(scene: Scene, surface: str | None, contacts: bool, anchor: Anchor) -> Room:
-    """The room for the plan; without contacts where the scene has none to look at."""
+    """The room for the plan.
+
+    Where the scene lets nothing touch, solids that are drawn count, and if none is, contacts are not looked at.
+    """
     try:
-        return Room.of(scene, surface, contacts, anchor, "the plan")
-    except SceneError:
-        if not contacts:
-            raise
-        return Room.of(scene, surface, False, anchor, "the plan")
+        try:
+            return Room.of(scene, surface, contacts, anchor, "the plan")
+        except SceneError:
+            if not contacts:
+                raise
+        try:
+            return Room.of(with_drawn_solids(scene), surface, True, anchor, "the plan")
+        except SceneError:
+            return Room.of(scene, surface, False, anchor, "the plan")
     except StageError as error:
         if not contacts:
             raise
@@ -215,7 +223,12 @@ def _clear(room: Room, wanted: Wanted, clear: bool, states: TimedMotion, scene: 
         lines = [f"  careful: between its waypoints the motion passes a limit or has a contact; {said}"]
     lines += [f"  {remark}" for remark in room.remarks]
     if wanted.contacts and room.contacts is None:
-        lines.append("  contacts were not checked: no geom of the arm can touch another (contype and conaffinity)")
+        lines.append("  contacts were not checked: no geom of the arm can touch another, and none is drawn")
+    elif room.contacts is not None and room.scene is not scene:
+        lines.append(
+            "  the scene lets nothing touch (contype and conaffinity), so all drawn solids count: those that move "
+            "against those that stay"
+        )
     return lines
 
 

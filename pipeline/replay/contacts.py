@@ -6,8 +6,9 @@ not touch its parent. Of what touches, only that counts whose distance the joint
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -15,6 +16,7 @@ import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError
+from pipeline.replay.geometry import colour
 from pipeline.replay.scene import Scene
 
 STEP = 0.05  # rad or m: how far a joint may go between two poses that are looked at
@@ -131,6 +133,27 @@ class Contacts:
         able = (model.geom_contype[:, None] & model.geom_conaffinity) != 0
         carrier = self._carrier[:-1]
         return bool(((able | able.T) & (carrier[:, None] != carrier)).any())
+
+
+def with_drawn_solids(scene: Scene) -> Scene:
+    """The scene as if all solids that are drawn could touch: those that the joints move, and those that stay.
+
+    It is for scenes whose geoms are there to be looked at and can touch nothing. Solids that move do not touch each
+    other, as the shapes of links often overlap at joints.
+    """
+    model = copy.copy(scene.model)
+    drawn = np.array([colour(model, geom)[3] > 0 for geom in range(model.ngeom)], dtype=bool)
+    moved = scene.rig.carrier[model.geom_bodyid] >= 0
+    model.geom_contype[:], model.geom_conaffinity[:] = drawn & moved, drawn & ~moved
+    for of_bodies, of_geoms in (
+        (model.body_contype, model.geom_contype), (model.body_conaffinity, model.geom_conaffinity),
+    ):  # fmt: skip
+        of_bodies[:] = 0
+        np.bitwise_or.at(of_bodies, model.geom_bodyid, of_geoms)
+    # the trees of the middle phase were made for what could touch before
+    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
+    return replace(scene, model=model, rig=replace(scene.rig, model=model))
 
 
 def between(trajectory: FloatArray, step: float) -> FloatArray:

@@ -55,6 +55,25 @@ def test_a_plan_for_someone_new_and_for_one_person(
         run(project, "sweep", Wanted(None, "psychic", True))
 
 
+def test_a_scene_that_lets_nothing_touch(
+    make_project: Make, parameters: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    parameters["sample"] |= {"sampler": "deformation", "sizes": [5]}
+    project = make_project(parameters)
+    scene = project.root / "gantry.xml"
+    loose = '<default><geom contype="0" conaffinity="0"/></default><worldbody>'
+    scene.write_text(scene.read_text().replace("<worldbody>", loose, 1))
+    for one in (ingest, sample, featurize, density, answer):
+        one.run(project, "sweep")
+    capsys.readouterr()
+    run(project, "sweep", Wanted(None, "less", True))
+    said = capsys.readouterr().out
+    assert "so all drawn solids count: those that move against those that stay" in said
+    assert "(limits, surface, contacts)" in said or "(limits, contacts)" in said
+    run(project, "sweep", Wanted(None, "less", False))
+    assert "drawn solids" not in capsys.readouterr().out
+
+
 def test_a_motion_starts_and_ends_at_rest_and_passes_its_waypoints() -> None:
     waypoints = np.random.default_rng(0).normal(size=(9, 2))
     points, states = timed(waypoints, 4.0)

@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.errors import SceneError, StageError
 from pipeline.replay import load_scene
-from pipeline.replay.contacts import Contacts, between, spread_first
+from pipeline.replay.contacts import Contacts, between, spread_first, with_drawn_solids
 from pipeline.replay.mechanism.limits import TOLERANCE_RAD
 from pipeline.replay.room import Room
 from pipeline.trajectories.paths import Anchor, straight_path, within_limits
@@ -129,6 +129,36 @@ def test_contacts_are_mujocos(gantry):
     assert 0.1 < np.mean(expected) < 0.9
     assert contacts.free(paths).tolist() == expected
     assert contacts.free(np.empty((0, 15, 3))).shape == (0,)
+
+
+def overlapping(scene, trajectory):
+    """The oracle: MuJoCo's distance of each solid that moves from each that stays, at many poses."""
+    data = scene.rig.data()
+    moved = scene.rig.carrier[scene.model.geom_bodyid] >= 0
+    for configuration in between(trajectory, 0.05):
+        scene.rig.pose(data, configuration)
+        for one in np.flatnonzero(moved).tolist():
+            for other in np.flatnonzero(~moved).tolist():
+                if mujoco.mj_geomDistance(scene.model, data, one, other, 1.0, None) < 0:
+                    return True
+    return False
+
+
+def test_what_is_drawn_touches_where_the_scene_lets_nothing_touch(gantry):
+    scene = changed(gantry, LOOSE, WALL)
+    with pytest.raises(SceneError, match="nothing that the joints move can touch anything"):
+        Contacts(scene)
+    paths = Deformation(0.5).sample(np.random.default_rng(0), Anchor(LEVEL, ASIDE), 40, 15)
+    expected = [not overlapping(scene, path) for path in paths]
+    assert 0.1 < np.mean(expected) < 0.9
+    drawn = with_drawn_solids(scene)
+    assert Contacts(drawn).free(paths).tolist() == expected
+    assert not scene.model.geom_contype.any()
+    unseen = (WALL[0], WALL[1].replace('type="box"', 'type="box" rgba="1 1 1 0"'))
+    with_unseen, without = (changed(gantry, LOOSE, *wall) for wall in ((unseen,), ()))
+    free = Contacts(with_drawn_solids(with_unseen)).free(paths)
+    assert free.tolist() == Contacts(with_drawn_solids(without)).free(paths).tolist()
+    assert free.mean() > np.mean(expected)
 
 
 def test_a_thin_wall_is_met_between_two_waypoints(gantry):
