@@ -45,6 +45,7 @@ FOLDER = "plan"  # in the task's folder of datasets
 RESTARTS, SEARCHED = 3, 8  # searches for the mean, and for single draws of the belief
 SEARCH = Search(iterations=60)
 STATES_HZ = 100
+CLEARANCE_M = 0.01  # as contacts are looked for at steps, and the motion between waypoints is not quite straight
 
 
 @dataclass(frozen=True)
@@ -77,12 +78,18 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
         register_task_kinds(project, task)
         scene = load_task_scene(project, task)
         mine = _rows(chosen, people)
-        room = _room(scene, task.surface, wanted.contacts, _anchor(scene, task.anchor, chosen, mine, name))
+        anchor = _anchor(scene, task.anchor, chosen, mine, name)
+        room, roomy = (
+            _room(scene, task.surface, wanted.contacts, anchor, clearance_m) for clearance_m in (0.0, CLEARANCE_M)
+        )
         specs = {feature: dict(task.features[feature]) for feature in chosen.features}
-        planning = Planning(room, bind_features(scene, specs), project.params.ingest.waypoints)
+        features, length = bind_features(scene, specs), project.params.ingest.waypoints
         known, raw = chosen.known(mine[0])
         scaled = raw / chosen.scale
-        plan = _planned(project, planning, chosen.scale, draws, scaled, known)
+        try:
+            plan = _planned(project, Planning(roomy, features, length), chosen.scale, draws, scaled, known)
+        except StageError:  # the way is narrower than the clearance
+            plan = _planned(project, Planning(room, features, length), chosen.scale, draws, scaled, known)
         duration_s = float(np.median(chosen.people["duration_s"].to_numpy()[mine]))
         points, states = timed(plan.waypoints, duration_s)
         clear = room.admissible(states.positions[None]).item()
@@ -137,19 +144,19 @@ def _anchor(scene: Scene, anchor: str, chosen: Chosen, mine: Sequence[int], name
     return Anchor(path[0], path[-1])
 
 
-def _room(scene: Scene, surface: str | None, contacts: bool, anchor: Anchor) -> Room:
-    """The room for the plan.
+def _room(scene: Scene, surface: str | None, contacts: bool, anchor: Anchor, clearance_m: float) -> Room:
+    """The room for the plan, which is made with a clearance and checked without.
 
     Where the scene lets nothing touch, solids that are drawn count, and if none is, contacts are not looked at.
     """
     try:
         try:
-            return Room.of(scene, surface, contacts, anchor, "the plan")
+            return Room.of(scene, surface, contacts, anchor, "the plan", clearance_m)
         except SceneError:
             if not contacts:
                 raise
         try:
-            return Room.of(with_drawn_solids(scene), surface, True, anchor, "the plan")
+            return Room.of(with_drawn_solids(scene), surface, True, anchor, "the plan", clearance_m)
         except SceneError:
             return Room.of(scene, surface, False, anchor, "the plan")
     except StageError as error:

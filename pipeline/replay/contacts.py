@@ -51,7 +51,8 @@ class Contacts:
 
     Args:
         scene: from `load_scene`.
-        allowed: how deep pairs of geoms may be in each other, m; other pairs may not at all.
+        allowed: how deep pairs of geoms may be in each other, m; negative is how near they may be to each other.
+        clearance_m: how near what moves must not come to what stays.
         remedy: what else to do where nothing can touch, for the sentence that says so.
 
     Raises:
@@ -63,9 +64,11 @@ class Contacts:
         scene: Scene,
         allowed: Mapping[Pair, float] | None = None,
         *,
+        clearance_m: float = 0.0,
         remedy: str = "set the task's collisions to false",
     ) -> None:
-        self.scene, self._allowed = scene, dict(allowed or {})
+        self.scene = _noticing(scene, clearance_m) if clearance_m else scene
+        self._allowed, self._clearance = dict(allowed or {}), clearance_m
         self._carrier = np.append(scene.rig.carrier[scene.model.geom_bodyid], -1)  # no geom, as a flex has, stays
         if not self._anything_can_touch():
             raise SceneError(
@@ -82,11 +85,14 @@ class Contacts:
         return np.array([self._is_free(data, trajectory) for trajectory in waypoints], dtype=bool)
 
     def depths(self, configuration: FloatArray) -> dict[Pair, float]:
-        """The pairs of geoms that are in each other at a configuration (J,), and how deep, m."""
+        """The pairs of geoms that are in each other at a configuration (J,), and how deep, m.
+
+        Those that are not, but nearer than the clearance, are among them; their depth is negative.
+        """
         data, found = self.scene.rig.data(), dict[Pair, float]()
         for first, second, depth in self._touching(data, configuration):
             pair = (min(first, second), max(first, second))
-            found[pair] = max(depth, found.get(pair, 0.0))
+            found[pair] = max(depth, found.get(pair, depth))
         return found
 
     def touches(self, configurations: FloatArray) -> Touches:
@@ -110,7 +116,7 @@ class Contacts:
 
     def _is_free(self, data: Any, trajectory: FloatArray) -> bool:
         return not any(
-            depth > self._allowed.get((min(first, second), max(first, second)), 0.0)
+            depth > self._allowed.get((min(first, second), max(first, second)), -np.inf)
             for configuration in spread_first(between(trajectory, STEP))
             for first, second, depth in self._touching(data, configuration)
         )
@@ -120,7 +126,9 @@ class Contacts:
         mujoco.mj_collision(self.scene.model, data)
         if data.ncon:
             geoms, distances = data.contact.geom, data.contact.dist
-            counted = (distances < 0) & (self._carrier[geoms[:, 0]] != self._carrier[geoms[:, 1]])
+            carriers = self._carrier[geoms]
+            near = np.where((carriers < 0).any(axis=1), self._clearance, 0.0)
+            counted = (distances < near) & (carriers[:, 0] != carriers[:, 1])
             for (first, second), distance in zip(geoms[counted].tolist(), distances[counted].tolist(), strict=True):
                 yield first, second, -distance
 
@@ -150,8 +158,21 @@ def with_drawn_solids(scene: Scene) -> Scene:
     ):  # fmt: skip
         of_bodies[:] = 0
         np.bitwise_or.at(of_bodies, model.geom_bodyid, of_geoms)
-    # the trees of the middle phase were made for what could touch before
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    return _with(scene, model)
+
+
+def _noticing(scene: Scene, distance_m: float) -> Scene:
+    """The scene with contacts between solids that are nearer to each other than this, whatever margins it states."""
+    model = copy.copy(scene.model)
+    model.geom_margin[:], model.body_margin[:] = distance_m, distance_m
+    if model.npair:
+        model.pair_margin[:] = distance_m
+    return _with(scene, model)
+
+
+def _with(scene: Scene, model: Any) -> Scene:
+    """The scene with a changed model; the trees of the middle phase were made for the model as it was."""
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
     return replace(scene, model=model, rig=replace(scene.rig, model=model))
 

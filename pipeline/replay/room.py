@@ -40,7 +40,15 @@ class Room:
     remarks: tuple[str, ...]
 
     @classmethod
-    def of(cls, scene: Scene, surface: str | None, collisions: bool, anchor: Anchor, whose: str) -> Room:
+    def of(
+        cls,
+        scene: Scene,
+        surface: str | None,
+        collisions: bool,
+        anchor: Anchor,
+        whose: str,
+        clearance_m: float = 0.0,
+    ) -> Room:
         """The room between two ends.
 
         The limits are the scene's, whatever the ends are: an end that is beyond one by less than the tolerance is moved
@@ -52,6 +60,8 @@ class Room:
             collisions: whether the arm may not touch itself or its surroundings.
             anchor: start and goal as they were found.
             whose: start and goal they are, for messages, such as "demonstration 'p01'".
+            clearance_m: with collisions, how near the arm may not come to its surroundings, but for what is nearer at
+                the ends.
 
         Raises:
             StageError: an end is beyond the limits, under the surface or in collision by more than what is tolerated.
@@ -61,7 +71,7 @@ class Room:
         ends = [_within(scene, end, f"{name} of {whose}", remarks) for name, end in _named(anchor)]
         fitted = Anchor(*ends)
         top = None if surface is None else _surface(scene, surface, fitted, whose, remarks)
-        contacts = _contacts(scene, fitted, whose, remarks) if collisions else None
+        contacts = _contacts(scene, fitted, whose, remarks, clearance_m) if collisions else None
         return cls(scene, fitted, top, contacts, tuple(remarks))
 
     def judge(self, waypoints: FloatArray) -> IntArray:
@@ -151,8 +161,8 @@ def _surface(scene: Scene, name: str, anchor: Anchor, whose: str, remarks: list[
     return Surface(scene, name, deepest)
 
 
-def _contacts(scene: Scene, anchor: Anchor, whose: str, remarks: list[str]) -> Contacts:
-    contacts = Contacts(scene)
+def _contacts(scene: Scene, anchor: Anchor, whose: str, remarks: list[str], clearance_m: float) -> Contacts:
+    contacts = Contacts(scene, clearance_m=clearance_m)
     allowed: dict[Pair, float] = {}
     for name, end in _named(anchor):
         for pair, depth in contacts.depths(end).items():
@@ -162,6 +172,7 @@ def _contacts(scene: Scene, anchor: Anchor, whose: str, remarks: list[str]) -> C
                     f"{what}, {100 * TOUCH_M:g} cm are tolerated; move them in {scene.path}, or, where they may "
                     "overlap, add them to its <contact> as <exclude body1=... body2=.../>"
                 )
-            remarks.append(f"{what}; paths may have them as deep")
-            allowed[pair] = max(depth + _ROUNDING_M, allowed.get(pair, 0.0))
-    return Contacts(scene, allowed)
+            if depth > 0:
+                remarks.append(f"{what}; paths may have them as deep")
+            allowed[pair] = max(depth + _ROUNDING_M, allowed.get(pair, -np.inf))
+    return Contacts(scene, allowed, clearance_m=clearance_m)

@@ -161,6 +161,34 @@ def test_what_is_drawn_touches_where_the_scene_lets_nothing_touch(gantry):
     assert free.mean() > np.mean(expected)
 
 
+def test_a_clearance_is_kept_from_what_stays(gantry):
+    scene = changed(gantry, WALL)
+    wall = scene.model.geom("wall").id
+    moved = np.flatnonzero(scene.rig.carrier[scene.model.geom_bodyid] >= 0).tolist()
+    pairs = [(one, other) for one in range(scene.model.ngeom) for other in range(one) if wall not in (one, other)]
+    others = {(min(pair), max(pair)): 1.0 for pair in pairs}
+    paths = Deformation(0.5).sample(np.random.default_rng(0), Anchor(LEVEL, ASIDE), 60, 15)
+    data = scene.rig.data()
+
+    def least(path):
+        found = []
+        for configuration in between(path, 0.05):
+            scene.rig.pose(data, configuration)
+            found += [mujoco.mj_geomDistance(scene.model, data, one, wall, 1.0, None) for one in moved]
+        return min(found)
+
+    nearest = np.array([least(path) for path in paths])
+    for clearance_m in (0.0, 0.05):
+        expected = nearest >= clearance_m
+        assert 0.1 < expected.mean() < 0.9
+        assert Contacts(scene, others, clearance_m=clearance_m).free(paths).tolist() == expected.tolist()
+    assert ((nearest >= 0) != (nearest >= 0.05)).any()
+    assert not scene.model.geom_margin.any()
+    # what is nearer at an end may be as near on the way
+    near = Anchor(*(path[np.argmin([least(path[[i, i]]) for i in range(15)])] for path in paths[nearest >= 0][:2]))
+    assert Room.of(scene, None, True, near, "the plan", 0.5).admissible(np.array([[near.start] * 2])).all()
+
+
 def test_a_thin_wall_is_met_between_two_waypoints(gantry):
     scene = changed(gantry, WALL)
     two = np.array([[[0.0, -0.8, 0.0], [0.0, 0.8, 0.0]]])  # on either side of the pillar
