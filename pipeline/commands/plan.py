@@ -213,7 +213,7 @@ def _lines(
         f"{name}: the motion that is best for {wanted.person or 'someone new'} under {model_name(wanted.model)}, "
         f"{duration_s:.1f} s",
         f"  {places}",
-        f"  expected reward: {abs(lead):.2f} nat {'more' if lead >= 0 else 'less'} than the best of them",
+        f"  expected reward: {abs(lead):.2f} nat {'above' if lead >= 0 else 'below'} the best of them",
         f"  expected loss from not knowing the weights: {plan.expected_regret:.2f} nat (90 % probable: below "
         f"{most:.2f})",
         f"  for other plausible weights, the best motion is {plan.change.min():.2f} to {plan.change.max():.2f} rad "
