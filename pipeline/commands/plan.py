@@ -86,15 +86,20 @@ def run(project: Project, name: str, wanted: Wanted) -> None:
         features, length = bind_features(scene, specs), project.params.ingest.waypoints
         known, raw = chosen.known(mine[0])
         scaled = raw / chosen.scale
+        narrow = False
         try:
             plan = _planned(project, Planning(roomy, features, length), chosen.scale, draws, scaled, known)
-        except StageError:  # the way is narrower than the clearance
-            plan = _planned(project, Planning(room, features, length), chosen.scale, draws, scaled, known)
+        except StageError:
+            if room.contacts is None:
+                raise
+            plan, narrow = _planned(project, Planning(room, features, length), chosen.scale, draws, scaled, known), True
         duration_s = float(np.median(chosen.people["duration_s"].to_numpy()[mine]))
         points, states = timed(plan.waypoints, duration_s)
         clear = room.admissible(states.positions[None]).item()
         lines = _lines(name, wanted, chosen, plan, draws, scaled, duration_s)
         lines += _clear(room, wanted, clear, states, scene)
+        if narrow:
+            lines.append(f"  no motion with {100 * CLEARANCE_M:g} cm of clearance was found, so it was planned without")
         answer = answer_lines(answer_of(project, name))
         verdict = next(line for line in answer if not line.startswith(" ") and line != answer[0])
         lines.append(f"the answer that it rests on: {verdict}" if verdict != "trust" else "the answer can be trusted")
@@ -223,11 +228,15 @@ def _lines(
 
 def _clear(room: Room, wanted: Wanted, clear: bool, states: TimedMotion, scene: Scene) -> list[str]:
     within = bool(((states.positions >= scene.lower) & (states.positions <= scene.upper)).all())
-    looked = ["limits", *(["surface"] if room.top else []), *(["contacts"] if room.contacts else [])]
-    said = f"{STATES_HZ} poses a second were checked ({', '.join(looked)})"
-    lines = [f"  {said}: no contact, and no limit is passed"]
+    faults = {"limits": "passes a limit"}
+    if room.top is not None:
+        faults["surface"] = "goes under the surface"
+    if room.contacts is not None:
+        faults["contacts"] = "has a contact"
+    said = f"{STATES_HZ} poses a second were checked ({', '.join(faults)})"
+    lines = [f"  {said}: {'no contact, and ' if room.contacts else ''}no limit is passed"]
     if not (clear and within):
-        lines = [f"  careful: between its waypoints the motion passes a limit or has a contact; {said}"]
+        lines = [f"  careful: between its waypoints the motion {' or '.join(faults.values())}; {said}"]
     lines += [f"  {remark}" for remark in room.remarks]
     if wanted.contacts and room.contacts is None:
         lines.append("  contacts were not checked: no geom of the arm can touch another, and none is drawn")

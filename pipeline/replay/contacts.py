@@ -16,7 +16,7 @@ import numpy as np
 
 from pipeline.arrays import BoolArray, FloatArray, IndexArray
 from pipeline.errors import SceneError
-from pipeline.replay.geometry import colour
+from pipeline.replay.geometry import is_drawn
 from pipeline.replay.scene import Scene
 
 STEP = 0.05  # rad or m: how far a joint may go between two poses that are looked at
@@ -150,7 +150,7 @@ def with_drawn_solids(scene: Scene) -> Scene:
     other, as the shapes of links often overlap at joints.
     """
     model = copy.copy(scene.model)
-    drawn = np.array([colour(model, geom)[3] > 0 for geom in range(model.ngeom)], dtype=bool)
+    drawn = np.array([is_drawn(model, geom) for geom in range(model.ngeom)], dtype=bool)
     moved = scene.rig.carrier[model.geom_bodyid] >= 0
     model.geom_contype[:], model.geom_conaffinity[:] = drawn & moved, drawn & ~moved
     for of_bodies, of_geoms in (

@@ -76,7 +76,7 @@ def extract_geometry(model: Any) -> Geometry:
         SceneError: a visible geom is of a type that has no solid form here (height field, signed distance field).
     """
     names = tuple(model.body(i).name or f"body_{i}" for i in range(model.nbody))
-    visible = [i for i in range(model.ngeom) if model.geom_group[i] < VISIBLE_GROUPS and colour(model, i)[3] > 0]
+    visible = [i for i in range(model.ngeom) if is_drawn(model, i)]
     return Geometry(body_names=names, shapes=tuple(_shape(model, i) for i in visible), viewpoint=_viewpoint(model))
 
 
@@ -129,6 +129,11 @@ def _shape(model: Any, geom: int) -> Shape:
         vertices=vertices,
         faces=faces,
     )
+
+
+def is_drawn(model: Any, geom: int) -> bool:
+    """Whether a geom is seen: it is in a visible group and not fully transparent."""
+    return bool(model.geom_group[geom] < VISIBLE_GROUPS and colour(model, geom)[3] > 0)
 
 
 def colour(model: Any, geom: int) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from pipeline.commands import plan
 from pipeline.commands.plan import Wanted, run, timed
 from pipeline.errors import StageError
 from pipeline.replay.contacts import Contacts
@@ -71,7 +72,35 @@ def test_a_scene_that_lets_nothing_touch(
     assert "so all drawn solids count: those that move against those that stay" in said
     assert "(limits, surface, contacts)" in said or "(limits, contacts)" in said
     run(project, "sweep", Wanted(None, "less", False))
-    assert "drawn solids" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "drawn solids" not in said
+    assert "were checked (limits, surface): no limit is passed" in said
+    assert "contact" not in said
+
+
+def test_a_way_that_is_narrower_than_the_clearance(
+    make_project: Make, parameters: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parameters["sample"] |= {"sampler": "deformation", "sizes": [5]}
+    project = make_project(parameters)
+    for one in (ingest, sample, featurize, density, answer):
+        one.run(project, "sweep")
+    capsys.readouterr()
+    real, tried = plan.plan_in_expectation, []
+
+    def first_fails(*arguments: Any, **settings: Any) -> Any:
+        tried.append(1)
+        if len(tried) == 1:
+            raise StageError("no admissible path was found")
+        return real(*arguments, **settings)
+
+    monkeypatch.setattr(plan, "plan_in_expectation", first_fails)
+    run(project, "sweep", Wanted(None, "less", True))
+    assert "no motion with 1 cm of clearance was found, so it was planned without" in capsys.readouterr().out
+    tried.clear()
+    with pytest.raises(StageError, match="no admissible path"):
+        run(project, "sweep", Wanted(None, "less", False))
+    assert len(tried) == 1
 
 
 def test_a_motion_starts_and_ends_at_rest_and_passes_its_waypoints() -> None:
