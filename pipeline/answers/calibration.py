@@ -29,7 +29,7 @@ from pipeline.choice.weights.prior import DEFAULT
 from pipeline.errors import ArgumentError
 
 LEVEL = 0.9
-BINS, PER_BIN = 10, 5  # bins of a rank histogram at most, and places that each needs
+BINS, ENOUGH = 10, 50  # bins of a rank histogram, and repetitions that it needs; fewer could hardly show anything
 BETA, DIRECTION = "beta", "direction"
 
 
@@ -117,18 +117,17 @@ class Calibration:
             features: (F,) names of the weights.
 
         Returns:
-            By model and by what is placed: a feature's weight, `BETA` or `DIRECTION`. Empty with fewer than ten
-            repetitions.
+            By model and by what is placed: a feature's weight, `BETA` or `DIRECTION`. Empty with fewer repetitions
+            than `ENOUGH`.
         """
         own = {chosen_by: one for (chosen_by, other), one in self.recoveries.items() if chosen_by == other}
         found = {}
         for label, one in own.items():
-            bins = min(BINS, len(one.angle) // PER_BIN)
-            if bins < 2:
+            if len(one.angle) < ENOUGH:
                 return {}
             places = [*one.place.T, one.beta_place, one.direction_place]
             for name, column in zip((*features, BETA, DIRECTION), places, strict=True):
-                found[label, name] = flatness(column, bins, len(own) * len(places))
+                found[label, name] = flatness(column, BINS, len(own) * len(places))
         return found
 
 

@@ -123,7 +123,8 @@ def calibrate(
     """Simulate people with known weights, and say what this number of demonstrations can tell.
 
     Could they tell LESS from Boltzmann, and one set of weights from another? A hundred repetitions take half a minute.
-    Rank histograms, which say whether the inference is calibrated, go into datasets/TASK/calibration.
+    Rank histograms, which say whether the inference is calibrated, go into datasets/TASK/calibration. They need 50
+    repetitions.
 
     Example: `lessbench calibrate table --demonstrations 30`
     """

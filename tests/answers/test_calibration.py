@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import special
 
 from pipeline.answers.calibration import calibrate
 from pipeline.answers.flatness import flatness
@@ -52,10 +53,9 @@ def test_rank_histograms_show_a_prior_that_is_not_that_of_the_truths() -> None:
 
 
 def test_rank_histograms_need_enough_repetitions() -> None:
-    few = calibrate(np.random.default_rng(1), {"less": LESS(0.1)}, ROWS, 1, 12)
-    assert [len(one.counts) for one in few.rank_histograms(["near", "low"]).values()] == [2] * 4
-    fewer = calibrate(np.random.default_rng(1), {"less": LESS(0.1)}, ROWS, 1, 9)
-    assert fewer.rank_histograms(["near", "low"]) == {}
+    enough, few = (calibrate(np.random.default_rng(1), {"less": LESS(0.1)}, ROWS, 1, n) for n in (50, 49))
+    assert [len(one.counts) for one in enough.rank_histograms(["near", "low"]).values()] == [10] * 4
+    assert few.rank_histograms(["near", "low"]) == {}
 
 
 @pytest.mark.parametrize(("chosen_by", "inferred_by"), [("boltzmann", "less"), ("less", "boltzmann")])
@@ -120,10 +120,22 @@ def test_flatness_knows_flat_from_not() -> None:
     assert not flatness(uniform**1.5).flat
     assert flatness(uniform**1.5).p_value < 1e-6
     assert not flatness(0.5 + (uniform - 0.5) * 0.8).flat
+    bowl = np.repeat((np.arange(10) + 0.5) / 10, [22, 14, 6, 4, 4, 4, 4, 6, 14, 22])
+    assert not flatness(bowl, together=10).flat  # no single bin shows it
+    assert (flatness(bowl, together=10).counts <= flatness(bowl, together=10).upper).all()
     with pytest.raises(ArgumentError, match="at least 50"):
         flatness(uniform[:40])
     with pytest.raises(ArgumentError, match="between 0 and 1"):
         flatness(uniform + 1)
+
+
+def test_flat_histograms_are_rarely_called_uneven_and_narrow_posteriors_often() -> None:
+    rng = np.random.default_rng(6)
+    uniform = [all(flatness(rng.random(100), together=10).flat for _ in range(10)) for _ in range(600)]
+    # 0.01 of 600 is 6; more than 15 have probability 4e-4, and the chi-square of ten each is not quite exact
+    assert 600 - sum(uniform) <= 15
+    narrow = special.ndtr(2 * rng.standard_normal((200, 100)))  # of posteriors half as wide as they should be
+    assert np.mean([flatness(places, together=10).flat for places in narrow]) < 0.1
 
 
 def test_refusals() -> None:

@@ -53,6 +53,9 @@ def run_trips(
 ) -> TripsStudy:
     """All of it, sampling by sampling, each with sets of all sizes.
 
+    Many trips are drawn in further processes, which import the program that was started; so a script of your own needs
+    its call under `if __name__ == "__main__":`.
+
     Args:
         roads: the network and the trips.
         seed: of the project.
@@ -61,6 +64,7 @@ def run_trips(
 
     Raises:
         ArgumentError: a model cannot be estimated.
+        BrokenProcessPool: a process was ended from outside, or could not begin.
     """
     logit = roads.recursive_logit()
     folds = folds_of(len(roads.trips), seed)

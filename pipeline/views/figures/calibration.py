@@ -32,6 +32,7 @@ def rank_histograms_figure(ranks: pl.DataFrame) -> Figure:
             width = 1 / mine.height
             model_bars(axes, mine["from"] + width / 2, mine["count"], 0.86 * width, model, models, zorder=2)
             axes.set_xlim(0, 1)
+            axes.yaxis.get_major_locator().set_params(integer=True)
             axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
             if row == 0:
                 axes.set_title(of)
